@@ -1,0 +1,21 @@
+"""Physical and conventional constants, each with its source."""
+
+# IS-GPS-200, section 20.3.4.3 (and BeiDou OS ICD): speed of light in vacuum, exact by definition of the metre.
+SPEED_OF_LIGHT_M_S = 299_792_458.0
+
+# WGS 84 (IS-GPS-200 table 20-IV): Earth's gravitational parameter and rotation rate as GPS users compute with.
+EARTH_GM_M3_S2 = 3.986005e14
+EARTH_ROTATION_RAD_S = 7.2921151467e-5
+
+# Carrier frequencies: IS-GPS-200 (L1), Galileo OS SIS ICD (E1), BDS-SIS-ICD-2.1 (B1I).
+FREQUENCY_L1_HZ = 1_575.42e6
+FREQUENCY_B1I_HZ = 1_561.098e6
+
+# RTCA DO-229, appendix A.4.4.10: Earth radius and thin-shell height of the ionospheric obliquity factor.
+EARTH_RADIUS_DO229_M = 6_378_136.3
+IONOSPHERE_SHELL_HEIGHT_M = 350_000.0
+
+# Zhao et al. 2021, after Blanch et al. 2015: normal quantiles for the integrity risks 1e-7 (vertical, 5.33) and
+# 5e-9 (horizontal, 6.18). Q^-1(5e-8) = 5.326724, sqrt(-2 ln 5e-9) = 6.182852.
+K_VERTICAL = 5.33
+K_HORIZONTAL = 6.18

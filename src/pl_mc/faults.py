@@ -1,0 +1,140 @@
+"""Faults: which satellites are biased, by how much.
+
+A `Faults` record is a list of bias vectors over the satellites of a geometry, each with a label such as
+``G02:+30m,C11:-20m``. In a series of epochs a fault counts in those epochs alone in which all of its satellites
+are in view.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from pl_mc.geometry.record import Geometry
+from pl_mc.input_errors import InputError, nearest
+
+NO_FAULT = "none"
+
+
+@dataclass(frozen=True)
+class Faults:
+    """Bias vectors over the satellites of one geometry.
+
+    Attributes:
+        bias_m: (f, m), bias that is added to each satellite's pseudorange [m], over ``names``.
+        names: the m satellites, as in `Geometry.names`; for a single epoch these are its n rows.
+        labels: f labels, ``G02:+30m,C11:-20m``; ``none`` where nothing is biased.
+    """
+
+    bias_m: NDArray[np.float64]
+    names: tuple[str, ...]
+    labels: tuple[str, ...]
+
+    @classmethod
+    def from_array(cls, g: Geometry, bias_m: ArrayLike) -> Faults:
+        """Faults from rows of biases (f, m) [m] over ``g.names``."""
+        bias = np.atleast_2d(np.asarray(bias_m, dtype=float))
+        if bias.ndim != 2 or bias.shape[1] != len(g.names):
+            raise InputError(f"bias_m: rows of {len(g.names)} biases are needed, not shape {bias.shape}.")
+        if bias.shape[0] == 0:
+            raise InputError("faults: at least one fault is needed; use no_fault(g) for the fault-free case.")
+        if not np.isfinite(bias).all():
+            raise InputError("bias_m: a bias is a finite number of metres.")
+        labels = tuple(fault_label(dict(zip(g.names, row, strict=True))) for row in bias)
+        return cls(bias_m=bias, names=g.names, labels=labels)
+
+    def __len__(self) -> int:
+        return len(self.labels)
+
+    def __add__(self, other: Faults) -> Faults:
+        """The faults of both, in order."""
+        if self.names != other.names:
+            raise InputError("faults: only faults of the same geometry can be joined.")
+        return Faults(np.concatenate([self.bias_m, other.bias_m]), self.names, self.labels + other.labels)
+
+    @property
+    def scalar_bias_m(self) -> NDArray[np.float64]:
+        """(f,), the bias where one satellite is faulted, 0 where none is, NaN where several are [m]."""
+        count = (self.bias_m != 0).sum(axis=1)
+        return np.where(count > 1, np.nan, self.bias_m.sum(axis=1))
+
+    def applies(self, g: Geometry) -> NDArray[np.bool_]:
+        """(epochs, f), whether all satellites of each fault are in view at each epoch of ``g``."""
+        self.require_geometry(g)
+        series = g.as_series()
+        seen = np.zeros((len(series), len(g.names)), dtype=bool)
+        epochs, rows = np.nonzero(series.in_view)
+        seen[epochs, series.satellite[epochs, rows]] = True
+        missing = (self.bias_m != 0).astype(np.int64) @ (~seen).T.astype(np.int64)
+        return (missing == 0).T
+
+    def require_geometry(self, g: Geometry) -> None:
+        """Raise `InputError` unless these faults were made for the satellites of ``g``."""
+        if self.names != g.names:
+            raise InputError("faults: they were made for other satellites than those of this geometry.")
+
+
+def fault_label(bias_by_name: Mapping[str, float]) -> str:
+    """``G02:+30m,C11:-20m``; ``none`` where every bias is zero."""
+    parts = [f"{name}:{bias:+g}m" for name, bias in bias_by_name.items() if bias != 0]
+    return ",".join(parts) or NO_FAULT
+
+
+def no_fault(g: Geometry) -> Faults:
+    """The fault-free case."""
+    return Faults.from_array(g, np.zeros((1, len(g.names))))
+
+
+def biases(g: Geometry, bias_m: Mapping[str, float]) -> Faults:
+    """One fault on one or several satellites.
+
+    Args:
+        g: the geometry.
+        bias_m: bias of each faulted satellite [m], ``{"G02": 30.0, "C11": -20.0}``.
+    """
+    row = np.zeros(len(g.names))
+    for name, value in bias_m.items():
+        row[require_satellite(g, name)] = value
+    faults = Faults.from_array(g, row[None])
+    # The label keeps the order in which the user named the satellites.
+    return Faults(faults.bias_m, faults.names, (fault_label(bias_m),))
+
+
+def ramp(g: Geometry, *, satellite: str, start_m: float, stop_m: float, step_m: float) -> Faults:
+    """A bias on one satellite in equal steps, both ends included where the steps meet them.
+
+    Args:
+        g: the geometry.
+        satellite: name of the faulted satellite.
+        start_m, stop_m, step_m: first bias, last bias and step [m].
+    """
+    return ramps(g, satellites=[satellite], start_m=start_m, stop_m=stop_m, step_m=step_m)
+
+
+def ramps(g: Geometry, *, satellites: Sequence[str], start_m: float, stop_m: float, step_m: float) -> Faults:
+    """The same ramp on each of several satellites, one at a time, satellite by satellite."""
+    sizes = ramp_sizes_m(start_m, stop_m, step_m)
+    rows = np.zeros((len(satellites), sizes.size, len(g.names)))
+    for k, satellite in enumerate(satellites):
+        rows[k, :, require_satellite(g, satellite)] = sizes
+    return Faults.from_array(g, rows.reshape(-1, len(g.names)))
+
+
+def ramp_sizes_m(start_m: float, stop_m: float, step_m: float) -> NDArray[np.float64]:
+    """start, start + step, ... up to stop [m]; a step of a rounding error past stop still counts."""
+    if not all(map(np.isfinite, (start_m, stop_m, step_m))) or step_m == 0 or (stop_m - start_m) / step_m < 0:
+        raise InputError(
+            f"ramp: from {start_m} m to {stop_m} m in steps of {step_m} m: finite numbers are needed, and a step "
+            "that leads from the start to the stop."
+        )
+    return start_m + step_m * np.arange(int(np.floor((stop_m - start_m) / step_m + 1e-9)) + 1)
+
+
+def require_satellite(g: Geometry, name: str) -> int:
+    """Index of ``name`` in ``g.names``; an `InputError` with the nearest names if it is not there."""
+    if name not in g.names:
+        raise InputError(f"satellite: {name!r} is not in view ({nearest(str(name), g.names)}).")
+    return g.names.index(name)

@@ -1,0 +1,30 @@
+"""Coordinates: Earth-fixed to local east, north, up, and geodetic angles (adapter of pymap3d)."""
+
+from __future__ import annotations
+
+import numpy as np
+import pymap3d
+from numpy.typing import ArrayLike, NDArray
+
+
+def geodetic(position_m: ArrayLike) -> tuple[NDArray, NDArray, NDArray]:
+    """WGS 84 latitude [rad], longitude [rad] and ellipsoidal height [m] of Earth-fixed positions (..., 3) [m]."""
+    x, y, z = np.moveaxis(np.asarray(position_m, float), -1, 0)
+    latitude, longitude, height = pymap3d.ecef2geodetic(x, y, z, deg=False)
+    return np.asarray(latitude), np.asarray(longitude), np.asarray(height)
+
+
+def from_geodetic(latitude_rad: ArrayLike, longitude_rad: ArrayLike, height_m: ArrayLike) -> NDArray:
+    """Earth-fixed positions (..., 3) [m] of WGS 84 latitude [rad], longitude [rad], height [m]."""
+    return np.stack(pymap3d.geodetic2ecef(latitude_rad, longitude_rad, height_m, deg=False), axis=-1)
+
+
+def enu_rotation(latitude_rad: ArrayLike, longitude_rad: ArrayLike) -> NDArray:
+    """(..., 3, 3), the rotation from Earth-fixed axes to local east, north, up (rows in that order)."""
+    latitude, longitude = np.broadcast_arrays(np.asarray(latitude_rad, float), np.asarray(longitude_rad, float))
+    sin_b, cos_b = np.sin(latitude), np.cos(latitude)
+    sin_l, cos_l = np.sin(longitude), np.cos(longitude)
+    east = np.stack([-sin_l, cos_l, np.zeros_like(sin_l)], axis=-1)
+    north = np.stack([-sin_b * cos_l, -sin_b * sin_l, cos_b], axis=-1)
+    up = np.stack([cos_b * cos_l, cos_b * sin_l, sin_b], axis=-1)
+    return np.stack([east, north, up], axis=-2)

@@ -1,0 +1,264 @@
+"""Geometry: who is in view, how they are seen, and how well each is measured.
+
+One record serves a single epoch (arrays of shape ``(n, t)`` and ``(n,)``) and a series of epochs (a leading axis,
+padded with a mask to the largest satellite count), so that a day with changing satellites is one array.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, field
+from typing import Any
+
+import jax
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from pl_mc.input_errors import InputError
+
+SYSTEM_NAMES = {"G": "GPS", "C": "BeiDou", "E": "Galileo", "R": "GLONASS"}
+
+EAST, NORTH, UP = 0, 1, 2
+POSITION_UNKNOWNS = 3
+
+
+def _static(**kwargs: Any) -> Any:
+    return field(metadata={"static": True}, **kwargs)
+
+
+@jax.tree_util.register_dataclass
+@dataclass(frozen=True)
+class Geometry:
+    """Design rows, standard deviations and names of the satellites in view, for one epoch or a series of epochs.
+
+    Rows beyond an epoch's satellites are padding: ``in_view`` is False, the design row is zero, sigma is 1.
+    ``...`` stands for nothing (a single epoch) or for one leading axis of epochs.
+
+    Attributes:
+        design: (..., n, t), partial derivatives of each pseudorange: minus line of sight in east, north, up,
+            then one clock column per system of ``clocks`` [m/m].
+        sigma_m: (..., n), standard deviation of each pseudorange error [m].
+        in_view: (..., n), True where the row is a satellite.
+        satellite: (..., n), index into ``names`` of the satellite of each row.
+        epoch: (...), epoch number, counted from 0 within the series that the geometry was made from.
+        time_gps_s: (...), time since 1980-01-06 in GPS time [s]; NaN where the geometry has no date.
+        names: satellites that appear in any epoch ("G02"); for a single epoch exactly its rows, in order.
+        systems: RINEX letter of each satellite of ``names``.
+        clocks: RINEX letters of each clock column; several letters ("GC") where systems share a clock.
+    """
+
+    design: NDArray[np.float64]
+    sigma_m: NDArray[np.float64]
+    in_view: NDArray[np.bool_]
+    satellite: NDArray[np.int32]
+    epoch: NDArray[np.int64]
+    time_gps_s: NDArray[np.float64]
+    names: tuple[str, ...] = _static()
+    systems: tuple[str, ...] = _static()
+    clocks: tuple[str, ...] = _static()
+
+    @classmethod
+    def from_arrays(
+        cls, design: ArrayLike, sigma_m: ArrayLike, systems: Sequence[str], names: Sequence[str]
+    ) -> Geometry:
+        """One epoch from plain arrays.
+
+        Args:
+            design: (n, t), ENU columns (minus line of sight) followed by clock columns [m/m].
+            sigma_m: (n,), standard deviations [m].
+            systems: n RINEX letters (G, C, E, R).
+            names: n distinct satellite names.
+
+        Raises:
+            InputError: shapes that do not fit, values that are not finite, a sigma that is not positive, a column
+                of zeros, fewer satellites than unknowns, or columns that depend on each other.
+        """
+        design = _as_numbers("design", design)
+        sigma = _as_numbers("sigma_m", sigma_m)
+        if design.ndim != 2:
+            raise InputError(f"design: two axes (satellites, unknowns) are needed, not shape {design.shape}.")
+        n, t = design.shape
+        names, systems = tuple(map(str, names)), tuple(map(str, systems))
+        for label, got in (("sigma_m", sigma.shape), ("systems", (len(systems),)), ("names", (len(names),))):
+            if got != (n,):
+                raise InputError(f"{label}: one entry per design row is needed, ({n},), not {got}.")
+        _check_satellites(names, systems)
+        if t <= POSITION_UNKNOWNS:
+            raise InputError(f"design: three position columns and at least one clock are needed, not {t} columns.")
+        bad = np.flatnonzero(~(np.isfinite(sigma) & (sigma > 0)))
+        if bad.size:
+            raise InputError(f"sigma_m: {names[bad[0]]} has {sigma[bad[0]]}; a sigma is finite and positive.")
+        bad = np.flatnonzero(~np.isfinite(design).all(axis=1))
+        if bad.size:
+            raise InputError(f"design: the row of {names[bad[0]]} is not finite.")
+        zero = np.flatnonzero(~design.any(axis=0))
+        if zero.size:
+            raise InputError(f"design: column {zero[0]} is all zeros, so its unknown cannot be estimated.")
+        if n < t:
+            raise InputError(f"design: {n} satellites cannot determine {t} unknowns; at least {t} are needed.")
+        rank = np.linalg.matrix_rank(design / sigma[:, None])
+        if rank < t:
+            raise InputError(f"design: its {t} columns depend on each other (rank {rank}); no position follows.")
+        return cls(
+            design=design,
+            sigma_m=sigma,
+            in_view=np.ones(n, dtype=bool),
+            satellite=np.arange(n, dtype=np.int32),
+            epoch=np.asarray(0),
+            time_gps_s=np.asarray(np.nan),
+            names=names,
+            systems=systems,
+            clocks=_clock_letters(design, systems),
+        )
+
+    @classmethod
+    def from_rows(
+        cls,
+        *,
+        design: NDArray[np.float64],
+        sigma_m: NDArray[np.float64],
+        in_view: NDArray[np.bool_],
+        names: Sequence[str],
+        systems: Sequence[str],
+        clocks: Sequence[str],
+        epoch: ArrayLike | None = None,
+        time_gps_s: ArrayLike | None = None,
+    ) -> Geometry:
+        """A series of epochs from one row per known satellite, packed to the largest number in view at once.
+
+        Args:
+            design: (epochs, m, t), a row for each of the m satellites of ``names``, whether in view or not.
+            sigma_m: (epochs, m), standard deviations [m].
+            in_view: (epochs, m), which rows count.
+            names, systems: the m satellites and their RINEX letters.
+            clocks: RINEX letters of each clock column.
+            epoch: (epochs,), epoch numbers; 0, 1, 2, ... unless given.
+            time_gps_s: (epochs,), GPS time [s].
+
+        Satellites never in view are left out. Epochs may have fewer satellites than unknowns: a sweep counts them
+        as unavailable.
+        """
+        design, sigma_m, in_view = np.asarray(design, float), np.asarray(sigma_m, float), np.asarray(in_view, bool)
+        epochs = design.shape[0]
+        _check_satellites(tuple(names), tuple(systems))
+        if not in_view.any():
+            raise InputError("geometry: no satellite is in view at any epoch.")
+        if not (np.isfinite(sigma_m[in_view]).all() and (sigma_m[in_view] > 0).all()):
+            raise InputError("sigma_m: a sigma is finite and positive for every satellite in view.")
+        if not np.isfinite(design[in_view]).all():
+            raise InputError("design: the rows of satellites in view are finite.")
+        seen = np.flatnonzero(in_view.any(axis=0))
+        design, sigma_m, in_view = design[:, seen], sigma_m[:, seen], in_view[:, seen]
+        width = int(in_view.sum(axis=1).max())
+        # A stable sort puts the satellites in view first and keeps their order.
+        order = np.argsort(~in_view, axis=1, kind="stable")[:, :width]
+        mask = np.take_along_axis(in_view, order, axis=1)
+        rows = np.take_along_axis(design, order[:, :, None], axis=1)
+        return cls(
+            design=np.where(mask[:, :, None], rows, 0.0),
+            sigma_m=np.where(mask, np.take_along_axis(sigma_m, order, axis=1), 1.0),
+            in_view=mask,
+            satellite=np.where(mask, order, 0).astype(np.int32),
+            epoch=np.arange(epochs) if epoch is None else np.asarray(epoch, dtype=np.int64),
+            time_gps_s=np.full(epochs, np.nan) if time_gps_s is None else np.asarray(time_gps_s, dtype=float),
+            names=tuple(names[i] for i in seen),
+            systems=tuple(systems[i] for i in seen),
+            clocks=tuple(clocks),
+        )
+
+    @property
+    def is_series(self) -> bool:
+        """Whether there is a leading axis of epochs."""
+        return self.design.ndim == 3
+
+    @property
+    def satellite_count(self) -> NDArray[np.int64]:
+        """(...), number of satellites in view."""
+        return np.asarray(self.in_view).sum(axis=-1)
+
+    @property
+    def unknown_count(self) -> NDArray[np.int64]:
+        """(...), number of unknowns: three coordinates and the clocks that some satellite in view observes."""
+        return np.asarray(self.design).any(axis=-2).sum(axis=-1)
+
+    @property
+    def elevation_rad(self) -> NDArray[np.float64]:
+        """(..., n), elevation angles [rad], from the up component of the line of sight."""
+        return np.arcsin(np.clip(-np.asarray(self.design)[..., UP], -1.0, 1.0))
+
+    @property
+    def azimuth_rad(self) -> NDArray[np.float64]:
+        """(..., n), azimuths, clockwise from north [rad]."""
+        rows = np.asarray(self.design)
+        return np.arctan2(-rows[..., EAST], -rows[..., NORTH]) % (2 * np.pi)
+
+    def __len__(self) -> int:
+        """Number of epochs."""
+        return self.design.shape[0] if self.is_series else 1
+
+    def __getitem__(self, index: int | slice) -> Geometry:
+        """One epoch (an integer: no padding, names are its rows) or a shorter series (a slice)."""
+        if not self.is_series:
+            raise InputError("geometry: a single epoch has no further epochs to choose from.")
+        if isinstance(index, slice):
+            if len(range(*index.indices(len(self)))) == 0:
+                raise InputError(f"geometry: the slice {index.start}:{index.stop} holds no epoch of {len(self)}.")
+            return Geometry(
+                *(getattr(self, name)[index] for name in _ARRAYS),
+                names=self.names, systems=self.systems, clocks=self.clocks,
+            )  # fmt: skip
+        if not -len(self) <= index < len(self):
+            raise InputError(f"geometry: epoch index {index} is outside 0 to {len(self) - 1}.")
+        rows = np.flatnonzero(self.in_view[index])
+        kept = self.satellite[index][rows]
+        design = self.design[index][rows]
+        columns = design.any(axis=0)
+        columns[:POSITION_UNKNOWNS] = True
+        return Geometry(
+            design=design[:, columns],
+            sigma_m=self.sigma_m[index][rows],
+            in_view=np.ones(rows.size, dtype=bool),
+            satellite=np.arange(rows.size, dtype=np.int32),
+            epoch=np.asarray(self.epoch[index]),
+            time_gps_s=np.asarray(self.time_gps_s[index]),
+            names=tuple(self.names[i] for i in kept),
+            systems=tuple(self.systems[i] for i in kept),
+            clocks=tuple(c for c, used in zip(self.clocks, columns[POSITION_UNKNOWNS:], strict=True) if used),
+        )
+
+    def as_series(self) -> Geometry:
+        """The same geometry with an axis of epochs, of length one for a single epoch."""
+        if self.is_series:
+            return self
+        return Geometry(
+            *(np.asarray(getattr(self, name))[None] for name in _ARRAYS),
+            names=self.names, systems=self.systems, clocks=self.clocks,
+        )  # fmt: skip
+
+
+_ARRAYS = ("design", "sigma_m", "in_view", "satellite", "epoch", "time_gps_s")
+
+
+def _as_numbers(field_name: str, value: ArrayLike) -> NDArray[np.float64]:
+    try:
+        return np.asarray(value, dtype=float)
+    except (TypeError, ValueError) as error:
+        raise InputError(f"{field_name}: it cannot be read as an array of numbers ({error}).") from None
+
+
+def _check_satellites(names: tuple[str, ...], systems: tuple[str, ...]) -> None:
+    unknown = [s for s in systems if s not in SYSTEM_NAMES]
+    if unknown:
+        raise InputError(f"systems: {unknown[0]!r} is unknown (valid: {', '.join(SYSTEM_NAMES)}).")
+    repeated = {name for name in names if names.count(name) > 1}
+    if repeated:
+        raise InputError(f"names: {sorted(repeated)[0]!r} appears more than once.")
+
+
+def _clock_letters(design: NDArray[np.float64], systems: tuple[str, ...]) -> tuple[str, ...]:
+    """The systems that each clock column serves, read off its nonzero rows."""
+    letters = np.array(systems)
+    return tuple(
+        "".join(dict.fromkeys(letters[design[:, column] != 0].tolist()))
+        for column in range(POSITION_UNKNOWNS, design.shape[1])
+    )
