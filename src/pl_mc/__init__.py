@@ -1,0 +1,52 @@
+"""pl_mc: how often does a protection level alarm, how often does it miss, under which fault, at which confidence?
+
+The names below are the public interface. They are found on first use, so that importing the package costs nothing.
+"""
+
+from __future__ import annotations
+
+import importlib
+from typing import Any
+
+__version__ = "0.1.0"
+
+# Public name -> module, and its name there.
+_PUBLIC = {
+    "APV_I": ("pl_mc.alert", "APV_I"),
+    "APV_II": ("pl_mc.alert", "APV_II"),
+    "LPV_200": ("pl_mc.alert", "LPV_200"),
+    "AlertLimits": ("pl_mc.alert", "AlertLimits"),
+    "Faults": ("pl_mc.faults", "Faults"),
+    "Geometry": ("pl_mc.geometry", "Geometry"),
+    "InputError": ("pl_mc.input_errors", "InputError"),
+    "biases": ("pl_mc.faults", "biases"),
+    "error_model": ("pl_mc.error_models", "error_model"),
+    "exact": ("pl_mc.statistics.exact", None),
+    "igg3": ("pl_mc.methods", "Igg3"),
+    "kernels": ("pl_mc.kernels", None),
+    "ls": ("pl_mc.methods", "Ls"),
+    "methods": ("pl_mc.methods", None),
+    "no_fault": ("pl_mc.faults", "no_fault"),
+    "ramp": ("pl_mc.faults", "ramp"),
+    "ramps": ("pl_mc.faults", "ramps"),
+    "sample": ("pl_mc.engine", "sample"),
+    "simulate": ("pl_mc.geometry", "simulate"),
+    "solve": ("pl_mc.engine", "solve"),
+    "sweep": ("pl_mc.engine", "sweep"),
+}
+
+__all__ = [*sorted(_PUBLIC), "__version__"]
+
+
+def __getattr__(name: str) -> Any:
+    if name not in _PUBLIC:
+        raise AttributeError(f"module 'pl_mc' has no attribute {name!r}")
+    module_name, inside = _PUBLIC[name]
+    module = importlib.import_module(module_name)
+    value = module if inside is None else getattr(module, inside)
+    globals()[name] = value
+    return value
+
+
+def __dir__() -> list[str]:
+    return sorted({*globals(), *_PUBLIC})

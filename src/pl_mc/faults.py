@@ -130,7 +130,8 @@ def ramp_sizes_m(start_m: float, stop_m: float, step_m: float) -> NDArray[np.flo
             f"ramp: from {start_m} m to {stop_m} m in steps of {step_m} m: finite numbers are needed, and a step "
             "that leads from the start to the stop."
         )
-    return start_m + step_m * np.arange(int(np.floor((stop_m - start_m) / step_m + 1e-9)) + 1)
+    steps = int(np.floor((stop_m - start_m) / step_m + 1e-9))
+    return start_m + step_m * np.arange(steps + 1, dtype=np.float64)
 
 
 def require_satellite(g: Geometry, name: str) -> int:

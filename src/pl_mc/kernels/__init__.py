@@ -1,0 +1,27 @@
+"""Kernels: pure functions from arrays to arrays, for one scenario or many along the last axis."""
+
+from pl_mc.kernels.estimate import Estimate, Start, start_from
+from pl_mc.kernels.irls import IrlsOptions, irls
+from pl_mc.kernels.levels import ProtectionLevels, protection_levels
+from pl_mc.kernels.linear_model import LinearModel, linear_model
+from pl_mc.kernels.solvers import igg3, least_squares, ls
+from pl_mc.kernels.weights import HuberWeight, Igg3Weight, TukeyWeight, WeightFunction
+
+__all__ = [
+    "Estimate",
+    "HuberWeight",
+    "Igg3Weight",
+    "IrlsOptions",
+    "LinearModel",
+    "ProtectionLevels",
+    "Start",
+    "TukeyWeight",
+    "WeightFunction",
+    "igg3",
+    "irls",
+    "least_squares",
+    "linear_model",
+    "ls",
+    "protection_levels",
+    "start_from",
+]

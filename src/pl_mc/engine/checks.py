@@ -1,0 +1,49 @@
+"""Checks of what a sweep is asked for."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from pl_mc.alert import AlertLimits
+from pl_mc.faults import Faults
+from pl_mc.geometry.record import Geometry
+from pl_mc.input_errors import InputError
+
+LARGEST_SEED = 2**32 - 1
+
+
+def require_inputs(g: Geometry, faults: Faults, alert: AlertLimits) -> None:
+    """Raise `InputError` unless these are records of the right kinds that belong together."""
+    if not isinstance(g, Geometry):
+        raise InputError(f"geometry: a pl_mc Geometry is needed, not {type(g).__name__}.")
+    if not isinstance(faults, Faults):
+        raise InputError(
+            f"faults: use ramp, biases or no_fault to make faults; {type(faults).__name__} is none of them."
+        )
+    if not isinstance(alert, AlertLimits):
+        raise InputError(f"alert: alert limits such as pl_mc.LPV_200 are needed, not {type(alert).__name__}.")
+    faults.require_geometry(g)
+
+
+def require_whole(value: int, *, field: str, low: int, high: int | None = None) -> int:
+    """``value`` as an int if it is a whole number in the range; else an `InputError` that names ``field``."""
+    whole = isinstance(value, int | np.integer) and not isinstance(value, bool)
+    if not whole or value < low or (high is not None and value > high):
+        bounds = f"of at least {low}" if high is None else f"from {low} to {high}"
+        raise InputError(f"{field}: a whole number {bounds} is needed, not {value!r}.")
+    return int(value)
+
+
+def notes_on_faults(g: Geometry, faults: Faults) -> tuple[str, ...]:
+    """A sentence for each satellite of a fault that is out of view at some epochs, and so gives no row there."""
+    applies = faults.applies(g)
+    epochs = applies.shape[0]
+    notes: dict[tuple[str, ...], int] = {}
+    for k in range(len(faults)):
+        if not applies[:, k].all():
+            names = tuple(np.array(faults.names)[faults.bias_m[k] != 0])
+            notes[names] = int((~applies[:, k]).sum())
+    return tuple(
+        f"{', '.join(names)}: out of view at {count} of {epochs} epochs, which give no row."
+        for names, count in notes.items()
+    )

@@ -1,0 +1,128 @@
+"""The jitted heart of a sweep: geometry outside, noise blocks inside, faults innermost.
+
+Everything that scenarios share is computed once: the model of a geometry for all its noise, the projections of a
+noise block for all its faults. Least squares of noise plus fault is then a sum of two projections.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import TypeVar
+
+import jax
+import jax.numpy as jnp
+from jax import Array
+
+from pl_mc.engine.events import EVENTS, events
+from pl_mc.engine.noise import LANES, epoch_key, unit_noise
+from pl_mc.kernels import LinearModel, Start, linear_model
+from pl_mc.kernels.linear_model import product
+from pl_mc.methods.base import Method, Outcome
+
+Result = TypeVar("Result")
+
+
+@jax.tree_util.register_dataclass
+@dataclass(frozen=True)
+class EpochBatch:
+    """The epochs of one call, with the faults that apply at each.
+
+    Attributes:
+        design: (e, n, t) [m/m]; sigma_m: (e, n) [m]; in_view: (e, n).
+        bias_m: (e, f, n), bias vectors [m].
+        epoch: (e,), epoch numbers, which choose the noise.
+    """
+
+    design: Array
+    sigma_m: Array
+    in_view: Array
+    bias_m: Array
+    epoch: Array
+
+
+def count_events(
+    batch: EpochBatch,
+    seed: Array,
+    first_block: Array,
+    full_blocks: Array,
+    remainder: Array,
+    vertical_m: Array,
+    *,
+    methods: tuple[Method, ...],
+    blocks: int,
+) -> Array:
+    """(e, f, methods, events), how often each event of `EVENTS` happened in ``blocks`` blocks of noise (int32).
+
+    Blocks below ``full_blocks`` count whole, the block of that number counts its first ``remainder`` draws, later
+    ones do not count. (A draw number would not fit an int32.)
+    """
+
+    def count_epoch(one: EpochBatch) -> Array:
+        model, prepared = _prepare(one, methods)
+
+        def add_block(total: Array, block: Array) -> tuple[Array, None]:
+            live = (block < full_blocks) | ((block == full_blocks) & (jnp.arange(LANES) < remainder))
+
+            def count(outcomes: list[Outcome]) -> Array:
+                seen = jnp.stack([events(outcome, vertical_m) for outcome in outcomes])
+                return jnp.sum(seen & live, axis=-1, dtype=jnp.int32)
+
+            noise = unit_noise(epoch_key(seed, one.epoch), block, model.design.shape[0], model.design.dtype)
+            counts = _each_fault(model, prepared, methods, one.bias_m, noise, count)
+            return total + counts, None
+
+        none = jnp.zeros((one.bias_m.shape[0], len(methods), len(EVENTS)), jnp.int32)
+        return jax.lax.scan(add_block, none, first_block + jnp.arange(blocks, dtype=jnp.int32))[0]
+
+    return jax.lax.map(count_epoch, batch)
+
+
+def block_outcomes(batch: EpochBatch, seed: Array, block: Array, *, methods: tuple[Method, ...]) -> list[Outcome]:
+    """The outcomes themselves of one block of noise, per method, with leading axes (e, f)."""
+
+    def one_epoch(one: EpochBatch) -> list[Outcome]:
+        model, prepared = _prepare(one, methods)
+        noise = unit_noise(epoch_key(seed, one.epoch), block, model.design.shape[0], model.design.dtype)
+        return _each_fault(model, prepared, methods, one.bias_m, noise, lambda outcomes: outcomes)
+
+    return jax.lax.map(one_epoch, batch)
+
+
+def _prepare(one: EpochBatch, methods: tuple[Method, ...]) -> tuple[LinearModel, list]:
+    model = linear_model(one.design, one.sigma_m, one.in_view)
+    return model, [method.prepare(model) for method in methods]
+
+
+def _each_fault(
+    model: LinearModel,
+    prepared: list,
+    methods: tuple[Method, ...],
+    bias_m: Array,
+    noise: Array,
+    reduce: Callable[[list[Outcome]], Result],
+) -> Result:
+    """``reduce`` of the methods' outcomes for each bias vector (f, n) added to the same noise (n, lanes)."""
+    noise = noise * model.in_view[:, None]
+    noise_state = product(model.gain, noise)
+    noise_residuals = noise - product(model.design, noise_state)
+    noise_square_sum = jnp.sum(noise_residuals * noise_residuals, axis=0)
+
+    bias = bias_m * model.weight_root
+    bias_state = product(bias, model.gain.T)
+    bias_residuals = bias - product(bias_state, model.design.T)
+    cross = product(bias_residuals, noise_residuals)
+
+    def one_fault(parts: tuple[Array, Array, Array]) -> Result:
+        state, residuals, cross_sum = parts
+        square_sum = noise_square_sum + 2.0 * cross_sum + jnp.sum(residuals * residuals)
+        start = Start(
+            residuals=noise_residuals + residuals[:, None],
+            state=noise_state + state[:, None],
+            # A square sum, but for the rounding of its three parts.
+            square_sum=jnp.maximum(square_sum, 0.0),
+        )
+        outcomes = [m.solve(model, p, start) for m, p in zip(methods, prepared, strict=True)]
+        return reduce(outcomes)
+
+    return jax.lax.map(one_fault, (bias_state, bias_residuals, cross))

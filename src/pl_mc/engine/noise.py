@@ -1,0 +1,26 @@
+"""Noise: reproducible draws, the same for every method and every fault.
+
+A draw is found by seed, epoch number, block and lane, whatever was computed before it: the counter-based generator
+(threefry, in the form whose numbers do not depend on the array's size) makes any part of a sweep on its own.
+"""
+
+from __future__ import annotations
+
+import jax
+from jax import Array
+
+# Draws per block. Part of the definition of the noise: another width gives other draws.
+LANES = 256
+
+
+def epoch_key(seed: Array, epoch: Array) -> Array:
+    """The key of one epoch's noise."""
+    return jax.random.fold_in(jax.random.key(seed, impl="threefry2x32"), epoch)
+
+
+def unit_noise(key: Array, block: Array, rows: int, dtype: jax.typing.DTypeLike) -> Array:
+    """(rows, LANES), independent standard normal errors of one block, in units of each satellite's sigma.
+
+    The numbers of a row do not depend on how many rows there are, so padding changes nothing.
+    """
+    return jax.random.normal(jax.random.fold_in(key, block), (rows, LANES), dtype)

@@ -1,0 +1,170 @@
+"""Outcomes one by one, where a count is not enough: single draws of a sweep, and errors observed by a receiver."""
+
+from __future__ import annotations
+
+import functools
+import math
+from collections.abc import Sequence
+from typing import Any
+
+import jax
+import numpy as np
+import pandas as pd
+from jax import Array
+from numpy.typing import NDArray
+
+from pl_mc.alert import LPV_200, AlertLimits
+from pl_mc.engine.checks import LARGEST_SEED, require_inputs, require_whole
+from pl_mc.engine.core import block_outcomes
+from pl_mc.engine.events import alarms
+from pl_mc.engine.noise import LANES
+from pl_mc.engine.plan import Chunk, make_plan
+from pl_mc.engine.precision import dtype_of, precision_scope
+from pl_mc.faults import Faults
+from pl_mc.geometry.record import EAST, NORTH, UP, Geometry
+from pl_mc.input_errors import InputError
+from pl_mc.kernels import linear_model, start_from
+from pl_mc.methods import Method, Outcome, as_methods
+
+_block_outcomes = jax.jit(block_outcomes, static_argnames=("methods",))
+
+
+def sample(
+    g: Geometry,
+    faults: Faults,
+    *,
+    draws: int,
+    seed: int,
+    methods: Sequence[str | Method] = ("ls", "igg3"),
+    alert: AlertLimits = LPV_200,
+    precision: str = "float64",
+) -> pd.DataFrame:
+    """The first draws of the sweep with the same seed, one by one: errors, protection levels and alarms.
+
+    Args:
+        g, faults, draws, seed, methods, alert, precision: as for `pl_mc.sweep`.
+
+    Returns:
+        One row per epoch, fault, method and draw: ``epoch, fault, bias_m, method, draw, east_m, north_m, up_m,
+        hpl_m, vpl_m, available, alarm``. Numbers are missing where a method is not available.
+    """
+    require_inputs(g, faults, alert)
+    draws = require_whole(draws, field="draws", low=1)
+    seed = require_whole(seed, field="seed", low=0, high=LARGEST_SEED)
+    chosen = as_methods(methods)
+    dtype = dtype_of(precision)
+    plan = make_plan(g, faults, draws)
+    parts = []
+    for first in range(0, len(plan.epochs), plan.epochs_per_call):
+        stop = min(first + plan.epochs_per_call, len(plan.epochs))
+        for block in range(math.ceil(draws / LANES)):
+            with precision_scope(precision):
+                batch = plan.batch(Chunk(first, stop, 0), dtype)
+                found = _block_outcomes(batch, np.uint32(seed), np.int32(block), methods=chosen)
+                found = jax.tree.map(np.asarray, found)
+            valid = np.zeros((plan.epochs_per_call, plan.fault_index.shape[1], LANES), dtype=bool)
+            valid[: stop - first] = (plan.fault_index[first:stop] >= 0)[:, :, None]
+            valid &= block * LANES + np.arange(LANES) < draws
+            place, slot, lane = np.nonzero(valid)
+            fault = plan.fault_index[first + place, slot]
+            for method, outcome in zip(chosen, found, strict=True):
+                keys: dict[str, Any] = {
+                    "epoch": plan.geometry.epoch[plan.epochs[first + place]],
+                    "fault": np.array(faults.labels, dtype=object)[fault],
+                    "bias_m": faults.scalar_bias_m[fault],
+                    "method": method.name,
+                    "draw": block * LANES + lane,
+                }
+                # Components of the error stand between the fault axis and the lanes.
+                error = np.moveaxis(outcome.error_m, 2, 0)
+                picked = Outcome(
+                    error_m=error[:, place, slot, lane],
+                    hpl_m=outcome.hpl_m[place, slot, lane],
+                    vpl_m=outcome.vpl_m[place, slot, lane],
+                    available=outcome.available[place, slot, lane],
+                    rejects=outcome.rejects[place, slot, lane],
+                )
+                parts.append(pd.DataFrame(keys | _columns(picked, alert)))
+    return pd.concat(parts, ignore_index=True)
+
+
+def solve(
+    g: Geometry,
+    errors_m: NDArray[np.float64],
+    *,
+    methods: Sequence[str | Method] = ("ls", "igg3"),
+    alert: AlertLimits = LPV_200,
+    precision: str = "float64",
+) -> pd.DataFrame:
+    """What each method says of given pseudorange errors, epoch by epoch, such as those of a real receiver.
+
+    Args:
+        g: one epoch or a series.
+        errors_m: (n,) or (epochs, n), observed minus true pseudoranges in the rows of ``g`` [m]. An error that all
+            satellites of a system share changes the clock alone.
+        methods, alert, precision: as for `pl_mc.sweep`.
+
+    Returns:
+        One row per epoch and method: ``epoch, time_gps_s, method, satellites, east_m, north_m, up_m, hpl_m, vpl_m,
+        available, alarm``. Numbers are missing where a method is not available.
+    """
+    series = g.as_series()
+    errors = np.asarray(errors_m, dtype=float).reshape(-1, series.design.shape[1])
+    if errors.shape != series.sigma_m.shape:
+        raise InputError(f"errors_m: the shape {series.sigma_m.shape} is needed, not {np.shape(errors_m)}.")
+    if not np.isfinite(errors[series.in_view]).all():
+        raise InputError("errors_m: the error of every satellite in view is a finite number of metres.")
+    chosen = as_methods(methods)
+    dtype = dtype_of(precision)
+    errors = np.where(series.in_view, errors, 0.0)
+    with precision_scope(precision):
+        found = _solve_series(
+            series.design.astype(dtype), series.sigma_m.astype(dtype), series.in_view, errors.astype(dtype), chosen
+        )
+        found = jax.tree.map(np.asarray, found)
+    parts = []
+    for method, outcome in zip(chosen, found, strict=True):
+        keys = {
+            "epoch": series.epoch,
+            "time_gps_s": series.time_gps_s,
+            "method": method.name,
+            "satellites": series.satellite_count,
+        }
+        moved = Outcome(
+            error_m=outcome.error_m.T,
+            hpl_m=outcome.hpl_m,
+            vpl_m=outcome.vpl_m,
+            available=outcome.available,
+            rejects=outcome.rejects,
+        )
+        parts.append(pd.DataFrame(keys | _columns(moved, alert)))
+    return pd.concat(parts).sort_values("epoch", kind="stable").reset_index(drop=True)
+
+
+@functools.partial(jax.jit, static_argnames=("methods",))
+def _solve_series(
+    design: Array, sigma_m: Array, in_view: Array, errors_m: Array, methods: tuple[Method, ...]
+) -> list[Outcome]:
+    def one_epoch(rows: Array, sigma: Array, seen: Array, errors: Array) -> list[Outcome]:
+        model = linear_model(rows, sigma, seen)
+        start = start_from(model, errors)
+        return [method.solve(model, method.prepare(model), start) for method in methods]
+
+    return jax.vmap(one_epoch)(design, sigma_m, in_view, errors_m)
+
+
+def _columns(outcome: Outcome, alert: AlertLimits) -> dict[str, NDArray]:
+    available = np.asarray(outcome.available)
+
+    def known(values: Array) -> NDArray:
+        return np.where(available, values, np.nan)
+
+    return {
+        "east_m": known(outcome.error_m[EAST]),
+        "north_m": known(outcome.error_m[NORTH]),
+        "up_m": known(outcome.error_m[UP]),
+        "hpl_m": known(outcome.hpl_m),
+        "vpl_m": known(outcome.vpl_m),
+        "available": available,
+        "alarm": np.asarray(alarms(outcome, alert.vertical_m)),
+    }

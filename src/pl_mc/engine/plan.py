@@ -1,0 +1,103 @@
+"""How a sweep is cut into calls: which epochs, which faults at each, which blocks of noise.
+
+The cut never changes a count: noise is found by epoch and block, and counts are whole numbers.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterator
+from dataclasses import dataclass
+
+import jax.numpy as jnp
+import numpy as np
+from numpy.typing import NDArray
+
+from pl_mc.engine.core import EpochBatch
+from pl_mc.engine.noise import LANES
+from pl_mc.faults import Faults
+from pl_mc.geometry.record import Geometry
+
+# Scenarios per call: large enough to hide a call's cost, small enough for a live progress bar and little memory.
+SCENARIOS_PER_CALL = 2**20
+
+
+@dataclass(frozen=True)
+class Chunk:
+    """One call: epochs ``first_epoch`` to ``stop_epoch`` of a plan, blocks of noise from ``first_block`` on."""
+
+    first_epoch: int
+    stop_epoch: int
+    first_block: int
+
+
+@dataclass(frozen=True)
+class Plan:
+    """A sweep's work. Epochs at which no fault applies are left out.
+
+    Attributes:
+        geometry: the series.
+        faults: all faults.
+        epochs: indices into the series, those with at least one applicable fault.
+        fault_index: (epochs, width), indices into the faults; -1 beyond those that apply at an epoch.
+        epochs_per_call, blocks_per_call: the shape of every call.
+        blocks: blocks of noise in all.
+    """
+
+    geometry: Geometry
+    faults: Faults
+    epochs: NDArray[np.int64]
+    fault_index: NDArray[np.int64]
+    epochs_per_call: int
+    blocks_per_call: int
+    blocks: int
+
+    def chunks(self) -> Iterator[Chunk]:
+        """The calls, in order."""
+        for first_epoch in range(0, len(self.epochs), self.epochs_per_call):
+            stop_epoch = min(first_epoch + self.epochs_per_call, len(self.epochs))
+            for first_block in range(0, self.blocks, self.blocks_per_call):
+                yield Chunk(first_epoch, stop_epoch, first_block)
+
+    @property
+    def chunk_count(self) -> int:
+        """Number of calls."""
+        return math.ceil(len(self.epochs) / self.epochs_per_call) * math.ceil(self.blocks / self.blocks_per_call)
+
+    def batch(self, chunk: Chunk, dtype: np.dtype) -> EpochBatch:
+        """The arrays of one call, made in the precision scope in which it runs.
+
+        The last epoch is repeated where a call is not full.
+        """
+        places = np.arange(chunk.first_epoch, chunk.first_epoch + self.epochs_per_call)
+        places = np.minimum(places, chunk.stop_epoch - 1)
+        index = self.epochs[places]
+        g = self.geometry
+        # (e, f, n): the bias of the satellite in each row, for the faults that apply; zero elsewhere.
+        bias = self.faults.bias_m[self.fault_index[places][:, :, None], g.satellite[index][:, None, :]]
+        counts = (self.fault_index[places] >= 0)[:, :, None] & g.in_view[index][:, None, :]
+        return EpochBatch(
+            design=jnp.asarray(g.design[index], dtype),
+            sigma_m=jnp.asarray(g.sigma_m[index], dtype),
+            in_view=jnp.asarray(g.in_view[index]),
+            bias_m=jnp.asarray(np.where(counts, bias, 0.0), dtype),
+            epoch=jnp.asarray(g.epoch[index], np.uint32),
+        )
+
+
+def make_plan(g: Geometry, faults: Faults, draws: int) -> Plan:
+    """Cut ``draws`` draws of every applicable fault at every epoch into calls of about equal work."""
+    series = g.as_series()
+    applies = faults.applies(g)
+    epochs = np.flatnonzero(applies.any(axis=1))
+    width = int(applies.sum(axis=1).max(initial=1))
+    order = np.argsort(~applies[epochs], axis=1, kind="stable")[:, :width]
+    fault_index = np.where(np.take_along_axis(applies[epochs], order, axis=1), order, -1)
+
+    blocks = math.ceil(draws / LANES)
+    blocks_at_most = max(1, SCENARIOS_PER_CALL // (width * LANES))
+    blocks_per_call = math.ceil(blocks / math.ceil(blocks / blocks_at_most))
+    epochs_at_most = max(1, blocks_at_most // blocks_per_call)
+    epoch_count = max(1, len(epochs))
+    epochs_per_call = math.ceil(epoch_count / math.ceil(epoch_count / epochs_at_most))
+    return Plan(series, faults, epochs, fault_index, epochs_per_call, blocks_per_call, blocks)

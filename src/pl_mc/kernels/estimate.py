@@ -1,0 +1,68 @@
+"""What every estimator returns, and the least-squares solution that every estimator starts from."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import jax
+import jax.numpy as jnp
+from jax import Array
+
+from pl_mc.kernels.linear_model import LinearModel, per_lane, product
+
+
+@jax.tree_util.register_dataclass
+@dataclass(frozen=True)
+class Start:
+    """The least-squares solution of one scenario or of many (``...``, the lanes).
+
+    Attributes:
+        residuals: (n, ...), whitened observations minus whitened fit, (L - A x) / sigma; the paper's V is
+            minus sigma times these (eq 5).
+        state: (t, ...), least-squares state: east, north, up, clocks [m].
+        square_sum: (...), V' P V.
+    """
+
+    residuals: Array
+    state: Array
+    square_sum: Array
+
+
+@jax.tree_util.register_dataclass
+@dataclass(frozen=True)
+class Estimate:
+    """One solution, or one per lane. Where not ``available`` the numbers are infinite, never NaN.
+
+    Attributes:
+        state: (t, ...), east, north, up, clocks [m].
+        residuals_m: (n, ...), V = A x - L [m]; zero on padding.
+        weights: (n, ...), equivalent-weight factors w in [0, 1]; one on padding.
+        unit_error: (...), a-posteriori standard error of unit weight (Zhao et al. 2021, eqs 16 and 17).
+        cofactor_m2: (3, ...), diagonal of (A' P_bar A)^-1 for east, north, up [m^2].
+        kept: (...), number of satellites with w > 0.
+        change_m: (...), largest change of a position component in the last iteration [m]; zero for least squares.
+        available: (...), whether the solution is determined.
+    """
+
+    state: Array
+    residuals_m: Array
+    weights: Array
+    unit_error: Array
+    cofactor_m2: Array
+    kept: Array
+    change_m: Array
+    available: Array
+
+
+def start_from(model: LinearModel, observed_m: Array) -> Start:
+    """The least-squares solution of observations (n, ...) [m]."""
+    whitened = observed_m * per_lane(model.weight_root, observed_m)
+    state = product(model.gain, whitened)
+    residuals = whitened - product(model.design, state)
+    return Start(residuals=residuals, state=state, square_sum=jnp.sum(residuals * residuals, axis=0))
+
+
+def safe_sqrt(value: Array) -> Array:
+    """Square root of what is at least zero but for rounding, with a finite gradient at zero."""
+    positive = value > 0
+    return jnp.where(positive, jnp.sqrt(jnp.where(positive, value, 1.0)), 0.0)

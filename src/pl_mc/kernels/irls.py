@@ -1,0 +1,199 @@
+"""Iteratively reweighted least squares with a fixed number of iterations, for one scenario or for many lanes.
+
+Arrays have scenarios along their last axis: (n,) is one scenario, (n, lanes) a batch, and the code is the same. The
+computation runs on whitened residuals of the least-squares solution, so that large observations cost no digits.
+
+Where the first paper is silent, `IrlsOptions` names the choice.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import jax
+import jax.numpy as jnp
+from jax import Array
+
+from pl_mc.input_errors import InputError, require_choice
+from pl_mc.kernels.estimate import Estimate, Start, safe_sqrt
+from pl_mc.kernels.linear_model import REDUNDANCY_FLOOR, LinearModel, add_empty, per_lane, product
+from pl_mc.kernels.small_matrix import (
+    Cholesky,
+    cholesky,
+    inverse_columns,
+    inverse_diagonal_element,
+    lower_triangle,
+    solve,
+)
+from pl_mc.kernels.weights import Igg3Weight, WeightFunction
+
+SCALES = ("posterior_floored", "apriori", "posterior", "mad", "mad_floored")
+COFACTORS = ("fault_free", "reweighted", "none")
+REDUNDANCIES = ("all", "kept", "weights")
+
+# The median absolute value of a standard normal variable is 1 / 1.4826.
+MAD_TO_SIGMA = 1.482602218505602
+
+
+@dataclass(frozen=True)
+class IrlsOptions:
+    """The choices of a reweighted estimate.
+
+    Attributes:
+        weight: weight function of the standardised residual.
+        iterations: reweighted solutions after the least-squares one.
+        scale: what multiplies the standard deviation of a residual: ``posterior_floored`` max(1, m), m the
+            unit-weight error of the iterate; ``apriori`` 1; ``posterior`` m; ``mad`` 1.4826 times the median of the
+            residuals over their standard deviations; ``mad_floored`` max(1, mad).
+        cofactor: which N gives those standard deviations, sqrt(diag(P^-1 - A N^-1 A')): the ``fault_free`` one, the
+            ``reweighted`` one of the iterate (the fault-free one where it leaves no positive variance), or ``none``
+            for sigma itself.
+        redundancy: what divides the weighted square sum in the unit-weight error of the final solution: ``all``
+            n - t, rejected satellites included; ``kept`` satellites with w > 0, less t; ``weights`` sum w less t.
+    """
+
+    weight: WeightFunction = Igg3Weight()  # noqa: RUF009 (a frozen record)
+    iterations: int = 10
+    scale: str = "posterior_floored"
+    cofactor: str = "fault_free"
+    redundancy: str = "all"
+
+    def __post_init__(self) -> None:
+        require_choice(self.scale, SCALES, field="scale")
+        require_choice(self.cofactor, COFACTORS, field="cofactor")
+        require_choice(self.redundancy, REDUNDANCIES, field="redundancy")
+        if not isinstance(self.iterations, int) or self.iterations < 1:
+            raise InputError(f"iterations: a whole number of at least 1 is needed, not {self.iterations!r}.")
+
+
+@jax.tree_util.register_dataclass
+@dataclass(frozen=True)
+class _Iterate:
+    """Residuals (n, ...) [sigma], shift from the least-squares state (t, ...) [m], V'P_bar V and status (...)."""
+
+    residuals: Array
+    shift: Array
+    square_sum: Array
+    determined: Array
+
+
+def irls(model: LinearModel, start: Start, options: IrlsOptions) -> Estimate:
+    """The reweighted estimate that starts from least squares.
+
+    A scenario is undetermined as soon as one of its solutions is: fewer than t + 1 satellites with w > 0, or a
+    Cholesky pivot below 1e-10 of that of the fault-free N.
+    """
+    shape = start.square_sum.shape
+    first = _Iterate(
+        residuals=start.residuals,
+        shift=jnp.zeros_like(start.state),
+        square_sum=start.square_sum,
+        determined=jnp.broadcast_to(model.available, shape),
+    )
+
+    def step(carry: tuple[_Iterate, Array], _: None) -> tuple[tuple[_Iterate, Array], None]:
+        iterate, weights = carry
+        weights = _weights(model, iterate, weights, options)
+        return (_solve_weighted(model, start, weights, iterate.determined)[0], weights), None
+
+    # The last solve stands outside the loop, since only its normal matrix is needed for the cofactors.
+    (before, weights), _ = jax.lax.scan(
+        step, (first, jnp.ones_like(start.residuals)), None, length=options.iterations - 1
+    )
+    weights = _weights(model, before, weights, options)
+    last, factor = _solve_weighted(model, start, weights, before.determined)
+
+    kept = _kept(model, weights)
+    if options.redundancy == "all":
+        freedom = jnp.broadcast_to(model.redundancies, shape)
+    elif options.redundancy == "kept":
+        freedom = kept - model.unknowns
+    else:
+        freedom = jnp.sum(weights * per_lane(model.in_view, weights), axis=0) - model.unknowns
+    available = last.determined & (freedom > 0)
+    unit_error = safe_sqrt(last.square_sum / jnp.where(available, freedom, 1.0))
+    cofactor = jnp.stack([inverse_diagonal_element(factor, axis) for axis in range(3)])
+    sigma = 1.0 / jnp.where(model.weight_root > 0, model.weight_root, 1.0)
+    return Estimate(
+        state=jnp.where(available, start.state + last.shift, jnp.inf),
+        residuals_m=-last.residuals * per_lane(sigma * model.in_view, weights),
+        weights=weights,
+        unit_error=jnp.where(available, unit_error, jnp.inf),
+        cofactor_m2=jnp.where(available, cofactor, jnp.inf),
+        kept=kept,
+        change_m=jnp.where(available, jnp.max(jnp.abs(last.shift - before.shift)[:3], axis=0), jnp.inf),
+        available=available,
+    )
+
+
+def _kept(model: LinearModel, weights: Array) -> Array:
+    return jnp.sum(jnp.where(weights > 0, per_lane(model.in_view, weights), 0.0), axis=0)
+
+
+def _solve_weighted(
+    model: LinearModel, start: Start, weights: Array, determined: Array
+) -> tuple[_Iterate, Cholesky]:
+    """One weighted solution about the least-squares one (Zhao et al. 2021, eq 6)."""
+    packed = add_empty(product(model.products, weights), model.empty)
+    weighted = weights * start.residuals
+    factor = cholesky(packed, model.pivot_floor)
+    shift = jnp.stack(solve(factor, product(model.design.T, weighted)))
+    residuals = start.residuals - product(model.design, shift)
+    enough = _kept(model, weights) >= model.unknowns + 1
+    iterate = _Iterate(
+        residuals=residuals,
+        shift=shift,
+        square_sum=jnp.sum(weights * residuals * residuals, axis=0),
+        determined=determined & factor.regular & enough,
+    )
+    return iterate, factor
+
+
+def _weights(model: LinearModel, iterate: _Iterate, weights: Array, options: IrlsOptions) -> Array:
+    """Weight factors from the residuals of an iterate; ``weights`` are those that produced it."""
+    size = jnp.abs(iterate.residuals) * _inverse_residual_sigma(model, weights, options)
+    scale = _scale(model, iterate, size, options)
+    # A perfect fit leaves no scale; it is undetermined or exact, and any finite number serves.
+    return options.weight(size / jnp.where(scale > 0, scale, 1.0))
+
+
+def _scale(model: LinearModel, iterate: _Iterate, size: Array, options: IrlsOptions) -> Array:
+    if options.scale == "apriori":
+        return jnp.ones_like(iterate.square_sum)
+    if options.scale.startswith("mad"):
+        counted = (model.inverse_residual_sigma > 0) if options.cofactor != "none" else (model.in_view > 0)
+        scale = MAD_TO_SIGMA * _median(size, counted)
+    else:
+        scale = safe_sqrt(iterate.square_sum / jnp.maximum(model.redundancies, 1))
+    return jnp.maximum(scale, 1.0) if options.scale.endswith("floored") else scale
+
+
+def _median(values: Array, counted: Array) -> Array:
+    """Median over the first axis of the rows that count."""
+    # Rows that do not count sort to the end.
+    ordered = jnp.sort(jnp.where(per_lane(counted, values), values, jnp.inf), axis=0)
+    count = jnp.sum(counted)
+    low, high = jnp.maximum(count - 1, 0) // 2, jnp.maximum(count // 2, 0)
+    return 0.5 * (jnp.take(ordered, low, axis=0) + jnp.take(ordered, high, axis=0))
+
+
+def _inverse_residual_sigma(model: LinearModel, weights: Array, options: IrlsOptions) -> Array:
+    """1 / standard deviation of each whitened residual; zero for a satellite that the others do not check."""
+    if options.cofactor == "none":
+        return per_lane(model.in_view, weights)
+    fault_free = per_lane(model.inverse_residual_sigma, weights)
+    if options.cofactor == "fault_free":
+        return fault_free
+    t = model.design.shape[1]
+    factor = cholesky(add_empty(product(model.products, weights), model.empty), model.pivot_floor)
+    columns = inverse_columns(factor)
+    inverse = jnp.stack(
+        [
+            sum(columns[row][k - row] * columns[column][k - column] for k in range(row, t))
+            * (1.0 if row == column else 2.0)
+            for row, column in lower_triangle(t)
+        ]
+    )
+    variance = 1.0 - product(model.products.T, inverse)
+    usable = (variance > REDUNDANCY_FLOOR) & (fault_free > 0)
+    return jnp.where(usable, jax.lax.rsqrt(jnp.where(usable, variance, 1.0)), fault_free)

@@ -1,0 +1,116 @@
+"""What the kernels know of one geometry before any observation: everything that scenarios share.
+
+The model is whitened: row i of the design is divided by sigma_i, so that observations have unit variance. Zhao et
+al. 2021, eqs 1-5, with P = diag(1 / sigma^2).
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import jax
+import jax.numpy as jnp
+from jax import Array
+
+from pl_mc.kernels.small_matrix import PIVOT_FLOOR, cholesky, inverse_columns, lower_triangle, solve
+
+# A satellite with a smaller redundancy number is not checked by the others: its residual is always zero.
+REDUNDANCY_FLOOR = 1e-10
+
+
+@jax.tree_util.register_dataclass
+@dataclass(frozen=True)
+class LinearModel:
+    """One geometry, prepared for many scenarios. Rows beyond ``in_view`` are zero and count for nothing.
+
+    Attributes:
+        design: (n, t), design rows divided by sigma [1/m].
+        weight_root: (n,), 1 / sigma [1/m]; zero on padding.
+        in_view: (n,), 1 where the row is a satellite, else 0.
+        products: (t (t + 1) / 2, n), products of pairs of design columns [1/m^2]: N of any weights is one matrix
+            product with these.
+        gain: (t, n), N^-1 A' P^(1/2): the least-squares state is this times the whitened observations [m].
+        cofactor: (t,), diagonal of N^-1 [m^2].
+        redundancy: (n,), redundancy numbers, the diagonal of I - A N^-1 A' P; zero on padding.
+        inverse_residual_sigma: (n,), 1 / sqrt(redundancy), zero where the redundancy number is below its floor.
+        empty: (t,), 1 for a clock that no satellite in view observes (its unknown is dropped), else 0.
+        pivot_floor: (t,), smallest acceptable Cholesky pivots of a reweighted N [1/m^2].
+        unknowns: number of unknowns, dropped ones not counted.
+        redundancies: n - t, degrees of freedom of the residuals.
+        available: whether a solution with a posterior variance exists: N regular and n > t.
+    """
+
+    design: Array
+    weight_root: Array
+    in_view: Array
+    products: Array
+    gain: Array
+    cofactor: Array
+    redundancy: Array
+    inverse_residual_sigma: Array
+    empty: Array
+    pivot_floor: Array
+    unknowns: Array
+    redundancies: Array
+    available: Array
+
+
+def linear_model(design: Array, sigma_m: Array, in_view: Array | None = None) -> LinearModel:
+    """Prepare one geometry.
+
+    Args:
+        design: (n, t), position columns and clock columns [m/m].
+        sigma_m: (n,), standard deviations [m].
+        in_view: (n,), which rows count; all unless given.
+    """
+    n, t = design.shape
+    seen = jnp.ones((n,), bool) if in_view is None else jnp.asarray(in_view, bool)
+    mask = seen.astype(design.dtype)
+    weight_root = jnp.where(seen, 1.0 / jnp.where(seen, sigma_m, 1.0), 0.0).astype(design.dtype)
+    whitened = jnp.where(seen[:, None], design, 0.0) * weight_root[:, None]
+    products = jnp.stack([whitened[:, j] * whitened[:, k] for j, k in lower_triangle(t)])
+    empty = 1.0 - jnp.any(whitened != 0, axis=0).astype(design.dtype)
+    packed = add_empty(jnp.sum(products, axis=1), empty)
+    diagonal = jnp.stack([packed[k] for k, (row, column) in enumerate(lower_triangle(t)) if row == column])
+    factor = cholesky(packed, PIVOT_FLOOR * diagonal)
+    gain = jnp.stack(solve(factor, whitened.T))
+    columns = inverse_columns(factor)
+    cofactor = jnp.stack([jnp.sum(jnp.stack(column) ** 2) for column in columns])
+    # Rows of the orthogonal basis of the fitted space: their squared lengths are the leverages.
+    leverage = jnp.sum(whitened * gain.T, axis=1)
+    redundancy = jnp.clip(mask - leverage, 0.0, 1.0)
+    checked = redundancy >= REDUNDANCY_FLOOR
+    unknowns = t - jnp.sum(empty)
+    redundancies = jnp.sum(mask) - unknowns
+    return LinearModel(
+        design=whitened,
+        weight_root=weight_root,
+        in_view=mask,
+        products=products,
+        gain=gain,
+        cofactor=cofactor,
+        redundancy=redundancy,
+        inverse_residual_sigma=jnp.where(checked, jax.lax.rsqrt(jnp.where(checked, redundancy, 1.0)), 0.0),
+        empty=empty,
+        pivot_floor=PIVOT_FLOOR * jnp.stack(factor.pivots),
+        unknowns=unknowns,
+        redundancies=redundancies,
+        available=factor.regular & (redundancies >= 1),
+    )
+
+
+def add_empty(packed: Array, empty: Array) -> Array:
+    """The packed normal matrix with a one on the diagonal of each unknown that nothing observes."""
+    places = lower_triangle(empty.shape[0])
+    diagonal = jnp.stack([empty[row] if row == column else jnp.zeros_like(empty[0]) for row, column in places])
+    return packed + per_lane(diagonal, packed)
+
+
+def per_lane(vector: Array, like: Array) -> Array:
+    """``vector`` with as many trailing axes of length one as ``like`` has axes beyond its first."""
+    return vector.reshape(vector.shape + (1,) * (like.ndim - 1))
+
+
+def product(matrix: Array, lanes: Array) -> Array:
+    """Matrix product in full precision, also where a device would round its factors by default."""
+    return jnp.matmul(matrix, lanes, precision=jax.lax.Precision.HIGHEST)

@@ -1,0 +1,79 @@
+"""The estimators as functions of plain arrays, for one scenario; they compose with jit, vmap and grad."""
+
+from __future__ import annotations
+
+import jax.numpy as jnp
+from jax import Array
+from jax.typing import ArrayLike
+
+from pl_mc.input_errors import InputError
+from pl_mc.kernels.estimate import Estimate, Start, safe_sqrt, start_from
+from pl_mc.kernels.irls import IrlsOptions, irls
+from pl_mc.kernels.linear_model import LinearModel, linear_model, per_lane
+
+
+def ls(design: ArrayLike, sigma_m: ArrayLike, observed_m: ArrayLike, in_view: ArrayLike | None = None) -> Estimate:
+    """Weighted least squares (Zhao et al. 2021, eqs 4, 5 and 16).
+
+    Args:
+        design: (n, t), east, north, up and clock columns [m/m].
+        sigma_m: (n,), standard deviations [m].
+        observed_m: (n,) or (n, lanes), observed minus computed pseudoranges [m].
+        in_view: (n,), which rows count; all unless given.
+    """
+    model, observed = _prepare(design, sigma_m, observed_m, in_view)
+    return least_squares(model, start_from(model, observed))
+
+
+def igg3(
+    design: ArrayLike,
+    sigma_m: ArrayLike,
+    observed_m: ArrayLike,
+    in_view: ArrayLike | None = None,
+    *,
+    options: IrlsOptions = IrlsOptions(),  # noqa: B008 (a frozen record)
+) -> Estimate:
+    """IGG-III robust estimate (Zhao et al. 2021, eqs 6 and 7), or another reweighted one through ``options``.
+
+    Args:
+        design, sigma_m, observed_m, in_view: as for `ls`.
+        options: weight function, iteration count and the choices that the paper leaves open.
+    """
+    model, observed = _prepare(design, sigma_m, observed_m, in_view)
+    return irls(model, start_from(model, observed), options)
+
+
+def least_squares(model: LinearModel, start: Start) -> Estimate:
+    """The least-squares estimate, from the solution that every method starts with."""
+    shape = start.square_sum.shape
+    available = jnp.broadcast_to(model.available, shape)
+    unit_error = safe_sqrt(start.square_sum / jnp.maximum(model.redundancies, 1))
+    sigma = 1.0 / jnp.where(model.weight_root > 0, model.weight_root, 1.0)
+    cofactor = jnp.broadcast_to(per_lane(model.cofactor[:3], start.state), (3, *shape))
+    return Estimate(
+        state=jnp.where(available, start.state, jnp.inf),
+        residuals_m=-start.residuals * per_lane(sigma * model.in_view, start.residuals),
+        weights=jnp.ones_like(start.residuals),
+        unit_error=jnp.where(available, unit_error, jnp.inf),
+        cofactor_m2=jnp.where(available, cofactor, jnp.inf),
+        kept=jnp.broadcast_to(jnp.sum(model.in_view), shape),
+        change_m=jnp.zeros(shape, start.square_sum.dtype),
+        available=available,
+    )
+
+
+def _prepare(
+    design: ArrayLike, sigma_m: ArrayLike, observed_m: ArrayLike, in_view: ArrayLike | None
+) -> tuple[LinearModel, Array]:
+    observed = jnp.asarray(observed_m)
+    dtype = jnp.result_type(jnp.asarray(design), jnp.asarray(sigma_m), observed, float)
+    rows, sigma = jnp.asarray(design, dtype), jnp.asarray(sigma_m, dtype)
+    if rows.ndim != 2 or sigma.shape != rows.shape[:1] or observed.shape[:1] != rows.shape[:1]:
+        raise InputError(
+            "kernel: design (n, t), sigma_m (n,) and observed_m (n,) or (n, lanes) are needed, not "
+            f"{rows.shape}, {sigma.shape} and {observed.shape}."
+        )
+    if in_view is not None:
+        # Padding may hold anything, NaN included; it must not reach a sum.
+        observed = jnp.where(per_lane(jnp.asarray(in_view, bool), observed), observed, 0.0)
+    return linear_model(rows, sigma, None if in_view is None else jnp.asarray(in_view)), observed.astype(dtype)

@@ -1,0 +1,61 @@
+"""Weight functions of iteratively reweighted least squares: w(u) of a standardised residual u.
+
+Each is a frozen record, so that it can be a static argument of a jitted kernel; all take |u|, of any shape.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Protocol
+
+import jax.numpy as jnp
+from jax import Array
+
+from pl_mc.input_errors import InputError
+
+
+class WeightFunction(Protocol):
+    """Equivalent-weight factor of a standardised residual."""
+
+    def __call__(self, size: Array) -> Array:
+        """w of |u|, in [0, 1]."""
+        ...
+
+
+@dataclass(frozen=True)
+class Igg3Weight:
+    """IGG-III: full weight up to k0, decreasing to zero at k1, zero beyond (Zhao et al. 2021, eq 7)."""
+
+    k0: float = 1.5
+    k1: float = 5.0
+
+    def __post_init__(self) -> None:
+        if not 0.0 < self.k0 < self.k1 < float("inf"):
+            raise InputError(f"igg3: 0 < k0 < k1 is needed, not k0 = {self.k0}, k1 = {self.k1}.")
+
+    def __call__(self, size: Array) -> Array:
+        fall = (self.k1 - size) * (1.0 / (self.k1 - self.k0))
+        # The maximum keeps the quotient, and its gradient, finite where it is not used.
+        between = self.k0 / jnp.maximum(size, self.k0) * fall * fall
+        return jnp.where(size <= self.k0, jnp.ones_like(size), jnp.where(size <= self.k1, between, 0.0))
+
+
+@dataclass(frozen=True)
+class HuberWeight:
+    """Huber's minimax weight: 1 up to k, then k / |u| (Huber 1964, Ann. Math. Statist. 35:73-101)."""
+
+    k: float = 1.345
+
+    def __call__(self, size: Array) -> Array:
+        return self.k / jnp.maximum(size, self.k)
+
+
+@dataclass(frozen=True)
+class TukeyWeight:
+    """Tukey's biweight: (1 - (u / c)^2)^2 up to c, zero beyond (Beaton & Tukey 1974, Technometrics 16:147-185)."""
+
+    c: float = 4.685
+
+    def __call__(self, size: Array) -> Array:
+        inner = 1.0 - jnp.minimum(size / self.c, 1.0) ** 2
+        return inner * inner

@@ -1,0 +1,74 @@
+"""What a method is: from a least-squares start to an error, protection levels and a decision.
+
+A method is a frozen record of its options with a `name` and two functions. It never sees the sweep: it is given one
+geometry and a batch of scenarios, and says what a receiver that ran it would have said. To add one, write a file
+beside this one and list its class in `pl_mc.methods.registry`.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any, Protocol, runtime_checkable
+
+import jax
+from jax import Array
+
+from pl_mc.kernels import Estimate, LinearModel, ProtectionLevels, Start
+
+
+@jax.tree_util.register_dataclass
+@dataclass(frozen=True)
+class Outcome:
+    """What a method says in each scenario (``...``, the lanes).
+
+    Attributes:
+        error_m: (3, ...), east, north, up error of its position [m].
+        hpl_m, vpl_m: (...), protection levels [m].
+        available: (...), whether there is a solution; where not, the numbers are infinite and count for nothing.
+        rejects: (...), whether the method's own test rejects the scenario; all False for methods without a test.
+    """
+
+    error_m: Array
+    hpl_m: Array
+    vpl_m: Array
+    available: Array
+    rejects: Array
+
+
+@runtime_checkable
+class Method(Protocol):
+    """One method with its options; a frozen, hashable record."""
+
+    @property
+    def name(self) -> str:
+        """Name in tables: the method's own, with the options that are not the default in brackets."""
+        ...
+
+    def prepare(self, model: LinearModel) -> Any:
+        """What depends on the geometry alone, computed once for all its scenarios (any pytree, () for nothing)."""
+        ...
+
+    def solve(self, model: LinearModel, prepared: Any, start: Start) -> Outcome:
+        """The outcome of each lane of ``start``."""
+        ...
+
+
+def outcome_of(estimate: Estimate, levels: ProtectionLevels) -> Outcome:
+    """The outcome of an estimator with protection levels and no test of its own."""
+    return Outcome(
+        error_m=estimate.state[:3],
+        hpl_m=levels.hpl_m,
+        vpl_m=levels.vpl_m,
+        available=estimate.available,
+        rejects=jax.numpy.zeros_like(estimate.available),
+    )
+
+
+def name_with_options(base: str, options: Any, defaults: Any) -> str:
+    """``igg3``, or ``igg3(k1=4,scale=apriori)`` where options differ from the defaults."""
+    changed = [
+        f"{field}={value:g}" if isinstance(value, float) else f"{field}={value}"
+        for field in options.__dataclass_fields__
+        if (value := getattr(options, field)) != getattr(defaults, field)
+    ]
+    return f"{base}({','.join(changed)})" if changed else base

@@ -1,0 +1,33 @@
+"""Least squares with protection levels from the posterior variance (Zhao et al. 2021, eqs 4, 12-16)."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+from pl_mc.constants import K_HORIZONTAL, K_VERTICAL
+from pl_mc.kernels import LinearModel, Start, least_squares, protection_levels
+from pl_mc.methods.base import Outcome, name_with_options, outcome_of
+
+
+@dataclass(frozen=True)
+class Ls:
+    """Weighted least squares.
+
+    Attributes:
+        k_horizontal, k_vertical: multipliers of the protection levels.
+    """
+
+    k_horizontal: float = K_HORIZONTAL
+    k_vertical: float = K_VERTICAL
+
+    @property
+    def name(self) -> str:
+        return name_with_options("ls", self, Ls())
+
+    def prepare(self, model: LinearModel) -> tuple[()]:
+        return ()
+
+    def solve(self, model: LinearModel, prepared: tuple[()], start: Start) -> Outcome:
+        estimate = least_squares(model, start)
+        levels = protection_levels(estimate, k_horizontal=self.k_horizontal, k_vertical=self.k_vertical)
+        return outcome_of(estimate, levels)
