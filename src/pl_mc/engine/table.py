@@ -39,10 +39,7 @@ def rate_table(plan: Plan, counts: NDArray[np.int64], methods: Sequence[str], dr
     flat = kept.reshape(rows * len(methods), len(EVENTS))
     for k, event in enumerate(EVENTS):
         columns[event.count] = flat[:, k]
-    for k, event in enumerate(EVENTS):
-        columns[f"{event.name}_rate"] = flat[:, k] / draws
-        columns[f"{event.name}_low"], columns[f"{event.name}_high"] = clopper_pearson(flat[:, k], draws, CONFIDENCE)
-    table = pd.DataFrame(columns)
+    table = with_rates(pd.DataFrame(columns))
     # Epoch by epoch, then method by method, the faults in the order in which they were asked for.
     order = np.lexsort(
         (
@@ -52,3 +49,24 @@ def rate_table(plan: Plan, counts: NDArray[np.int64], methods: Sequence[str], dr
         )
     )
     return table.iloc[order].reset_index(drop=True)
+
+
+def with_rates(counts: pd.DataFrame) -> pd.DataFrame:
+    """The table of counts with ``<event>_rate, <event>_low, <event>_high`` for every event."""
+    draws = counts["draws"].to_numpy()
+    columns: dict[str, NDArray] = {}
+    for event in EVENTS:
+        seen = counts[event.count].to_numpy()
+        low, high = clopper_pearson(seen, draws, CONFIDENCE)
+        columns |= {f"{event.name}_rate": seen / draws, f"{event.name}_low": low, f"{event.name}_high": high}
+    return pd.concat([counts, pd.DataFrame(columns, index=counts.index)], axis=1)
+
+
+def sum_over_epochs(table: pd.DataFrame) -> pd.DataFrame:
+    """One row per method and fault: counts and draws summed over epochs, rates and bounds of the sums.
+
+    The bounds treat draws of all epochs as one sample of a mixture of epochs.
+    """
+    keys = ["method", "fault", "bias_m"]
+    counts = table.groupby(keys, sort=False, dropna=False)[["draws", *(event.count for event in EVENTS)]].sum()
+    return with_rates(counts.reset_index())

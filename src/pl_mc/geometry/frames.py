@@ -10,8 +10,9 @@ from numpy.typing import ArrayLike, NDArray
 def geodetic(position_m: ArrayLike) -> tuple[NDArray, NDArray, NDArray]:
     """WGS 84 latitude [rad], longitude [rad] and ellipsoidal height [m] of Earth-fixed positions (..., 3) [m]."""
     x, y, z = np.moveaxis(np.asarray(position_m, float), -1, 0)
-    latitude, longitude, height = pymap3d.ecef2geodetic(x, y, z, deg=False)
-    return np.asarray(latitude), np.asarray(longitude), np.asarray(height)
+    # The library squeezes axes of length one away.
+    latitude, longitude, height = (np.reshape(a, x.shape) for a in pymap3d.ecef2geodetic(x, y, z, deg=False))
+    return latitude, longitude, height
 
 
 def from_geodetic(latitude_rad: ArrayLike, longitude_rad: ArrayLike, height_m: ArrayLike) -> NDArray:

@@ -6,6 +6,7 @@ padded with a mask to the largest satellite count), so that a day with changing 
 
 from __future__ import annotations
 
+import dataclasses
 from collections.abc import Sequence
 from dataclasses import dataclass, field
 from typing import Any
@@ -203,10 +204,7 @@ class Geometry:
         if isinstance(index, slice):
             if len(range(*index.indices(len(self)))) == 0:
                 raise InputError(f"geometry: the slice {index.start}:{index.stop} holds no epoch of {len(self)}.")
-            return Geometry(
-                *(getattr(self, name)[index] for name in _ARRAYS),
-                names=self.names, systems=self.systems, clocks=self.clocks,
-            )  # fmt: skip
+            return dataclasses.replace(self, **{name: getattr(self, name)[index] for name in _ARRAYS})
         if not -len(self) <= index < len(self):
             raise InputError(f"geometry: epoch index {index} is outside 0 to {len(self) - 1}.")
         rows = np.flatnonzero(self.in_view[index])
@@ -230,10 +228,7 @@ class Geometry:
         """The same geometry with an axis of epochs, of length one for a single epoch."""
         if self.is_series:
             return self
-        return Geometry(
-            *(np.asarray(getattr(self, name))[None] for name in _ARRAYS),
-            names=self.names, systems=self.systems, clocks=self.clocks,
-        )  # fmt: skip
+        return dataclasses.replace(self, **{name: np.asarray(getattr(self, name))[None] for name in _ARRAYS})
 
 
 _ARRAYS = ("design", "sigma_m", "in_view", "satellite", "epoch", "time_gps_s")

@@ -1,0 +1,1 @@
+"""Reports: tables, figures and sentences made of numbers that were computed elsewhere."""

@@ -1,0 +1,22 @@
+"""Exact probabilities and the statistics of counts, against which Monte Carlo results are held."""
+
+from pl_mc.statistics.exact import ls_rates
+from pl_mc.statistics.intervals import binomial_p_value, clopper_pearson
+from pl_mc.statistics.least_squares import FaultEffects, LsQuantities, fault_effects, ls_quantities
+from pl_mc.statistics.noncentral import joint_exceedance, split_at_threshold
+from pl_mc.statistics.student import chi2_threshold, fault_free_exceeded, student_factor
+
+__all__ = [
+    "FaultEffects",
+    "LsQuantities",
+    "binomial_p_value",
+    "chi2_threshold",
+    "clopper_pearson",
+    "fault_effects",
+    "fault_free_exceeded",
+    "joint_exceedance",
+    "ls_quantities",
+    "ls_rates",
+    "split_at_threshold",
+    "student_factor",
+]

@@ -1,0 +1,153 @@
+"""The command line, ``pl-mc``.
+
+Exit codes: 0 done, 2 input that cannot be used (one sentence on standard error), 130 interrupted. Nothing is left
+half-written by the last two.
+"""
+
+from __future__ import annotations
+
+import sys
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Annotated, Any
+
+import cyclopts
+from cyclopts import App, Parameter
+
+import pl_mc
+from pl_mc.input_errors import InputError
+
+app = App(
+    name="pl-mc",
+    version=pl_mc.__version__,
+    help="How often does a protection level alarm, how often does it miss, under which fault?",
+    help_format="markdown",
+)
+
+
+@app.command
+def run(
+    experiment: str = "ramp",
+    /,
+    *,
+    out: Path | None = None,
+    draws: int | None = None,
+    seed: int | None = None,
+    progress: bool | None = None,
+) -> None:
+    """Run an experiment and write its tables, figures, summary and manifest.
+
+    Parameters
+    ----------
+    experiment
+        A name that `pl-mc list` shows, the path of a TOML file, or the `manifest.json` of an earlier run.
+    out
+        Results folder; `runs/EXPERIMENT` unless given. An earlier result there is replaced.
+    draws
+        Noise draws for each fault and epoch, instead of the experiment's.
+    seed
+        Seed of the noise, instead of the experiment's.
+    progress
+        Show a progress bar; unless given, only on a terminal.
+    """
+    from pl_mc.experiments.loading import load_experiment
+
+    overrides = {key: value for key, value in (("draws", draws), ("seed", seed)) if value is not None}
+    name, record = load_experiment(experiment, overrides)
+    _run(name, record, out, progress)
+
+
+@app.command(name="list")
+def list_experiments() -> None:
+    """List the experiments that come with the package."""
+    from pl_mc.experiments.loading import experiment_files, load_experiment
+
+    names = list(experiment_files())
+    width = max(map(len, names), default=0)
+    for name in names:
+        print(f"{name.ljust(width)}  {load_experiment(name)[1].title}")
+
+
+@app.command
+def observe(
+    observations: Path,
+    navigation: Path,
+    /,
+    *,
+    truth: str,
+    systems: str = "G,C",
+    fault: Annotated[tuple[str, ...], Parameter(negative="")] = (),
+    mask_deg: float = 10.0,
+    error_model: str = "residual",
+    method: Annotated[tuple[str, ...], Parameter(negative="")] = ("ls", "igg3"),
+    out: Path | None = None,
+    progress: bool | None = None,
+) -> None:
+    """Solve every epoch of a receiver's files with every method: errors, protection levels, alarms.
+
+    Parameters
+    ----------
+    observations
+        RINEX 3 observation file, plain, gzipped or Hatanaka-compressed.
+    navigation
+        RINEX 3 navigation file with broadcast ephemerides of that day.
+    truth
+        The true position: `X,Y,Z` Earth-fixed [m], or a CSV file with a track.
+    systems
+        Systems to use, RINEX letters: `G,C`, `G` or `C`.
+    fault
+        A fault to inject, `G02:+30m:545-645`: satellite, bias, first and last epoch counted from 0; repeatable.
+    mask_deg
+        Elevation mask [deg].
+    error_model
+        Standard deviations: residual, none or uire; `user` needs an experiment file.
+    method
+        A method; repeatable.
+    out
+        Results folder; `runs/observe-NAME` unless given. An earlier result there is replaced.
+    progress
+        Show a progress bar; unless given, only on a terminal.
+    """
+    from pl_mc.experiments.loading import build_experiment
+
+    station = observations.name.split(".")[0]
+    content: dict[str, Any] = {
+        "kind": "observe",
+        "title": f"{station}: position errors and protection levels",
+        "observations": observations,
+        "navigation": navigation,
+        "truth": truth,
+        "systems": tuple(letter.strip() for letter in systems.split(",")),
+        "mask_deg": mask_deg,
+        "error_model": error_model,
+        "faults": fault,
+        "methods": [{"name": name} for name in method],
+    }
+    _run(f"observe-{station}", build_experiment(content, source="observe"), out, progress)
+
+
+def _run(name: str, record: Any, out: Path | None, progress: bool | None) -> None:
+    from pl_mc.experiments.running import run_experiment
+
+    result = run_experiment(name, record, out, progress=progress)
+    print(result.summary)
+    print(f"Results: {result.folder}")
+
+
+def main(arguments: Sequence[str] | None = None) -> None:
+    """Entry point: bad input becomes one sentence and exit code 2."""
+    try:
+        app(arguments, exit_on_error=False, print_error=False)
+    except (InputError, cyclopts.CycloptsError) as error:
+        print(
+            f"pl-mc: {' '.join(str(error).split()) if isinstance(error, cyclopts.CycloptsError) else error}",
+            file=sys.stderr,
+        )
+        sys.exit(2)
+    except KeyboardInterrupt:
+        print("pl-mc: interrupted; nothing was written.", file=sys.stderr)
+        sys.exit(130)
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,139 @@
+"""What every error model is: a name, a description, and a standard deviation for satellites in the sky.
+
+A model sees satellites only through `Sky`: class of orbit, direction, and where the user is. Nothing else about
+satellites or receivers reaches it, so that a model serves nominal constellations and receiver files alike.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import Any, Protocol, runtime_checkable
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from pl_mc.input_errors import InputError, nearest
+
+ORBIT_CLASSES = ("GPS", "BDS-MEO", "BDS-IGSO", "BDS-GEO", "GAL", "GLO")
+
+# An elevation computed as an arc sine may come out a rounding error above the zenith.
+_ZENITH_TOLERANCE_RAD = 1e-9
+
+
+@dataclass(frozen=True)
+class Sky:
+    """Satellites as an error model sees them; the fields are arrays that broadcast against each other.
+
+    Attributes:
+        orbit: class of orbit of each satellite, one of `ORBIT_CLASSES`.
+        elevation_rad: elevation above the horizon, over 0 and at most pi/2 [rad].
+        azimuth_rad: azimuth, clockwise from north [rad].
+        latitude_rad, longitude_rad: geodetic position of the user [rad].
+    """
+
+    orbit: ArrayLike
+    elevation_rad: ArrayLike
+    azimuth_rad: ArrayLike
+    latitude_rad: ArrayLike
+    longitude_rad: ArrayLike
+
+    @property
+    def shape(self) -> tuple[int, ...]:
+        """The shape that the fields broadcast to.
+
+        Raises:
+            InputError: the fields do not broadcast against each other.
+        """
+        shapes = [np.shape(np.asarray(getattr(self, name))) for name in self.__dataclass_fields__]
+        try:
+            return np.broadcast_shapes(*shapes)
+        except ValueError:
+            listed = ", ".join(f"{name} {s}" for name, s in zip(self.__dataclass_fields__, shapes, strict=True))
+            raise InputError(f"sky: the shapes of its fields do not fit each other ({listed}).") from None
+
+    def checked(self) -> Sky:
+        """The same sky with every field broadcast to one shape, after a check of each value.
+
+        Raises:
+            InputError: an unknown class of orbit, an angle that is not a finite number, an elevation outside
+                (0, pi/2], or a latitude outside [-pi/2, pi/2].
+        """
+        shape = self.shape
+        orbit = np.broadcast_to(np.asarray(self.orbit, dtype=np.str_), shape)
+        unknown = orbit[~np.isin(orbit, ORBIT_CLASSES)]
+        if unknown.size:
+            word = str(unknown.flat[0])
+            raise InputError(f"orbit: {word!r} is not a class of orbit ({nearest(word, ORBIT_CLASSES)}).")
+        angles = {
+            name: np.broadcast_to(_angle(name, getattr(self, name)), shape)
+            for name in ("elevation_rad", "azimuth_rad", "latitude_rad", "longitude_rad")
+        }
+        elevation = angles["elevation_rad"]
+        bad = elevation[~((elevation > 0) & (elevation <= np.pi / 2 + _ZENITH_TOLERANCE_RAD))]
+        if bad.size:
+            raise InputError(
+                f"elevation_rad: {bad.flat[0]:g} rad; an error model needs satellites above the horizon, "
+                "with elevations over 0 and at most pi/2 rad."
+            )
+        bad = angles["latitude_rad"][np.abs(angles["latitude_rad"]) > np.pi / 2 + _ZENITH_TOLERANCE_RAD]
+        if bad.size:
+            raise InputError(f"latitude_rad: {bad.flat[0]:g} rad; a latitude is between -pi/2 and pi/2 rad.")
+        return Sky(orbit=orbit, **angles)
+
+
+@runtime_checkable
+class ErrorModel(Protocol):
+    """Anything with these three members serves as an error model."""
+
+    @property
+    def name(self) -> str:
+        """Name of the model, as printed in reports."""
+        ...
+
+    def sigma_m(self, sky: Sky) -> NDArray[np.float64]:
+        """Standard deviation of the pseudorange error of each satellite, in the shape of ``sky`` [m]."""
+        ...
+
+    def describe(self) -> dict[str, Any]:
+        """Name and options as plain numbers and strings, fit for a table of settings or a JSON file."""
+        ...
+
+
+def require_sigma(option: str, value: Any, *, allow_zero: bool) -> float:
+    """``value`` as a float if it is usable as a standard deviation in metres.
+
+    Raises:
+        InputError: not a finite number, or negative, or zero where ``allow_zero`` is False.
+    """
+    rule = "zero or more" if allow_zero else "over zero"
+    try:
+        number = float(value)
+    except (TypeError, ValueError):
+        raise InputError(f"{option}: {value!r} is not a number of metres; it is {rule}.") from None
+    if not np.isfinite(number) or number < 0 or (number == 0 and not allow_zero):
+        raise InputError(f"{option}: {number:g} m cannot be used; it is a finite number of metres, {rule}.")
+    return number
+
+
+def require_options(model: str, given: Mapping[str, Any], known: tuple[str, ...]) -> None:
+    """Raise `InputError`, with the nearest names, for an option that ``model`` does not have."""
+    for option in given:
+        if option in known:
+            continue
+        if not known:
+            raise InputError(
+                f"error model {model!r}: it has no options, so {option!r} cannot be set; the model 'user' has them."
+            )
+        raise InputError(f"error model {model!r}: it has no option {option!r} ({nearest(option, known)}).")
+
+
+def _angle(name: str, value: ArrayLike) -> NDArray[np.float64]:
+    try:
+        angle = np.asarray(value, dtype=float)
+    except (TypeError, ValueError):
+        raise InputError(f"{name}: it cannot be read as an array of angles in radians.") from None
+    bad = angle[~np.isfinite(angle)]
+    if bad.size:
+        raise InputError(f"{name}: {bad.flat[0]} is not an angle; every angle is a finite number of radians.")
+    return angle

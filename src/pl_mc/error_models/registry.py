@@ -1,0 +1,50 @@
+"""Error models by name, and the check of whatever a caller offers as one."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from types import MappingProxyType
+from typing import Any
+
+from pl_mc.error_models.base import ErrorModel
+from pl_mc.error_models.equation3 import none, residual, user
+from pl_mc.error_models.uire import uire
+from pl_mc.input_errors import InputError, require_choice
+
+DEFAULT_ERROR_MODEL = "residual"
+
+ERROR_MODELS: Mapping[str, Callable[..., ErrorModel]] = MappingProxyType(
+    {"residual": residual, "none": none, "uire": uire, "user": user}
+)
+
+
+def error_model(name: str = DEFAULT_ERROR_MODEL, **options: Any) -> ErrorModel:
+    """The error model of that name.
+
+    Args:
+        name: one of `ERROR_MODELS`: ``residual`` (0.5 m of vertical ionosphere, DO-229 troposphere), ``none`` (the
+            sigma0 term of equation 3 alone), ``uire`` (the bound of DO-229), ``user`` (figures of the caller).
+        options: options of the model; ``user`` alone has any, see `pl_mc.error_models.equation3.user`.
+
+    Raises:
+        InputError: an unknown name or option, with the nearest valid ones, or a figure out of range.
+    """
+    return ERROR_MODELS[require_choice(name, ERROR_MODELS, field="error model")](**options)
+
+
+def as_error_model(value: str | ErrorModel) -> ErrorModel:
+    """``value`` itself if it is an error model, else the model of that name.
+
+    Any object with ``name``, ``sigma_m(sky)`` and ``describe()`` is an error model.
+
+    Raises:
+        InputError: an unknown name, or an object that lacks one of the three.
+    """
+    if isinstance(value, str):
+        return error_model(value)
+    if not isinstance(value, ErrorModel):
+        raise InputError(
+            f"error model: {value!r} is none; a name ({', '.join(ERROR_MODELS)}) or an object with name, "
+            "sigma_m(sky) and describe() is needed."
+        )
+    return value

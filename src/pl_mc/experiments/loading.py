@@ -1,0 +1,114 @@
+"""Experiments by name or by file, checked as a whole before anything runs."""
+
+from __future__ import annotations
+
+import json
+import tomllib
+import types
+import typing
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Any
+
+from pydantic import BaseModel, ValidationError
+
+from pl_mc.experiments.common import Experiment
+from pl_mc.experiments.registry import KINDS
+from pl_mc.input_errors import InputError, nearest
+
+# A wheel carries the files inside the package; in a checkout they are at the top.
+_FOLDERS = (Path(__file__).parent / "files", Path(__file__).parents[3] / "experiments")
+
+
+def experiment_files() -> dict[str, Path]:
+    """The experiments that come with the package, by name."""
+    folder = next((folder for folder in _FOLDERS if folder.is_dir()), None)
+    return {} if folder is None else {path.stem: path for path in sorted(folder.glob("*.toml"))}
+
+
+def load_experiment(which: str, overrides: Mapping[str, Any] | None = None) -> tuple[str, Experiment]:
+    """Name and record of an experiment.
+
+    Args:
+        which: a name of `experiment_files`, the path of a TOML file, or the path of a run's ``manifest.json``.
+        overrides: top-level fields that replace the file's.
+
+    Raises:
+        InputError: no such experiment or file, text that is no TOML, or fields that are wrong (all are named).
+    """
+    path = Path(which)
+    known = experiment_files()
+    if which in known:
+        path = known[which]
+    elif path.suffix not in (".toml", ".json"):
+        raise InputError(f"experiment {which!r}: it is unknown ({nearest(which, known)}); a path ends in .toml.")
+    try:
+        text = path.read_text(encoding="utf-8")
+    except FileNotFoundError:
+        raise InputError(f"{which}: there is no such file ({nearest(path.stem, known)}).") from None
+    except (OSError, UnicodeDecodeError) as error:
+        raise InputError(f"{which}: the file cannot be read ({error}).") from None
+    if path.suffix == ".json":
+        name, content = _from_manifest(path, text)
+    else:
+        name, content = path.stem, _from_toml(path, text)
+    return name, build_experiment(content | dict(overrides or {}), source=str(path.name))
+
+
+def build_experiment(content: Mapping[str, Any], *, source: str) -> Experiment:
+    """The record of an experiment's fields; an `InputError` names every wrong one."""
+    kind = content.get("kind")
+    if kind not in KINDS:
+        raise InputError(f"{source}: kind: {kind!r} is unknown ({nearest(str(kind), KINDS)}).")
+    model = KINDS[kind].model
+    try:
+        return model.model_validate(content)
+    except ValidationError as error:
+        lines = [_sentence(source, model, item) for item in error.errors()]
+        # One wrong field can fail several alternatives of a union with the same words.
+        raise InputError("\n".join(dict.fromkeys(lines))) from None
+
+
+def _from_toml(path: Path, text: str) -> dict[str, Any]:
+    try:
+        return tomllib.loads(text)
+    except tomllib.TOMLDecodeError as error:
+        raise InputError(f"{path}: it is not TOML: {error}.") from None
+
+
+def _from_manifest(path: Path, text: str) -> tuple[str, dict[str, Any]]:
+    try:
+        manifest = json.loads(text)
+        return manifest["name"], dict(manifest["experiment"])
+    except (ValueError, KeyError, TypeError):
+        raise InputError(f"{path}: it is no manifest of a run.") from None
+
+
+def _sentence(source: str, model: type[BaseModel], error: Mapping[str, Any]) -> str:
+    place = [str(part) for part in error["loc"]]
+    names = [part for part in place if not part[:1].isupper()]
+    field = ".".join(names)
+    if error["type"] == "extra_forbidden":
+        owners = _models_at(model, names[:-1])
+        valid = [name for owner in owners for name in owner.model_fields]
+        return f"{source}: {field}: there is no such field ({nearest(names[-1], valid)})."
+    message = error["msg"].removeprefix("Value error, ").rstrip(".")
+    given = "" if error["type"] == "missing" else f", not {error['input']!r}"
+    return f"{source}: {field}: {message[:1].lower()}{message[1:]}{given}."
+
+
+def _models_at(model: type[BaseModel], path: list[str]) -> list[type[BaseModel]]:
+    """The records that may stand at a path of field names."""
+    found = [model]
+    for part in path:
+        if part.isdigit():
+            continue
+        annotations = [owner.model_fields[part].annotation for owner in found if part in owner.model_fields]
+        found = [inner for annotation in annotations for inner in _models_in(annotation)]
+    return found
+
+
+def _models_in(annotation: Any) -> list[type[BaseModel]]:
+    if isinstance(annotation, type) and not isinstance(annotation, types.GenericAlias):
+        return [annotation] if issubclass(annotation, BaseModel) else []
+    return [inner for argument in typing.get_args(annotation) for inner in _models_in(argument)]

@@ -1,0 +1,66 @@
+"""Orbits: where the satellites of nominal slots are, in Earth-fixed coordinates.
+
+Circles about a point mass in planes that stand still in inertial space; the Earth turns below by Greenwich mean
+sidereal time. Geosynchronous satellites are held in step with that rotation, as station keeping holds the real
+ones, so that they cross the equator at their longitude for ever. Oblateness, signal travel time and the rotation
+of the Earth during it are left out: they move a line of sight by far less than a nominal orbit is off.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from pl_mc.constants import EARTH_GM_M3_S2
+from pl_mc.geometry.constellations import Slot
+from pl_mc.geometry.gps_time import gmst_rad
+
+
+def mean_motion_rad_s(semi_major_axis_m: ArrayLike) -> NDArray[np.float64]:
+    """Angular rate in a circular orbit, ``sqrt(GM / a^3)`` (Kepler's third law) [rad/s].
+
+    Args:
+        semi_major_axis_m: radii of the orbits (...) [m].
+    """
+    return np.sqrt(EARTH_GM_M3_S2 / np.asarray(semi_major_axis_m, dtype=float) ** 3)
+
+
+def satellite_positions_m(slots: Sequence[Slot], time_gps_s: ArrayLike) -> NDArray[np.float64]:
+    """Earth-fixed positions of satellites (epochs, m, 3) [m].
+
+    The angles are those of IS-GPS-200, table 20-IV, for a circular orbit: argument of latitude u and Earth
+    longitude of the node give x, y, z.
+
+    Args:
+        slots: the m satellites.
+        time_gps_s: (epochs,), seconds since 1980-01-06 in GPS time [s].
+    """
+    time = np.atleast_1d(np.asarray(time_gps_s, dtype=float))[:, None]
+    radius, inclination, raan, start, reference, sidereal = (
+        np.array([getattr(slot, name) for slot in slots], dtype=float)
+        for name in (
+            "semi_major_axis_m",
+            "inclination_rad",
+            "raan_rad",
+            "argument_of_latitude_rad",
+            "reference_gps_s",
+            "reference_sidereal_rad",
+        )
+    )
+    turned = gmst_rad(time) - gmst_rad(reference)
+    travelled = np.where(
+        [slot.geosynchronous for slot in slots], turned, mean_motion_rad_s(radius) * (time - reference)
+    )
+    argument = start + travelled
+    node = raan - sidereal - turned
+    if_stationary = (inclination == 0) & np.array([slot.geosynchronous for slot in slots])
+    # Both angles of a geostationary satellite grow without end and cancel; their sum keeps its digits.
+    argument = np.where(if_stationary, start, argument)
+    node = np.where(if_stationary, raan - sidereal, node)
+    along, across = np.cos(argument), np.sin(argument)
+    x = along * np.cos(node) - across * np.cos(inclination) * np.sin(node)
+    y = along * np.sin(node) + across * np.cos(inclination) * np.cos(node)
+    z = across * np.sin(inclination)
+    return radius[:, None] * np.stack([x, y, z], axis=-1)

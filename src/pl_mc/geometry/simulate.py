@@ -1,0 +1,157 @@
+"""Simulation of a geometry: the nominal constellations over a site or a track, without any file."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from datetime import datetime
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from pl_mc.error_models import ErrorModel, Sky, as_error_model
+from pl_mc.geometry.constellations import Slot, constellation_slots
+from pl_mc.geometry.frames import enu_rotation, geodetic
+from pl_mc.geometry.gps_time import gps_seconds
+from pl_mc.geometry.orbits import satellite_positions_m
+from pl_mc.geometry.record import POSITION_UNKNOWNS, SYSTEM_NAMES, UP, Geometry
+from pl_mc.geometry.sites import DEFAULT_SITE, checked_positions_m, site_position_m
+from pl_mc.input_errors import InputError
+
+DEFAULT_EPOCHS = 2880
+
+
+def simulate(
+    *,
+    site: str | ArrayLike | None = None,
+    track_m: ArrayLike | None = None,
+    start: str | datetime = "2017-11-21T00:00:00",
+    epochs: int | None = None,
+    interval_s: float = 30.0,
+    mask_deg: float = 10.0,
+    visible: ArrayLike | None = None,
+    constellations: str | Sequence[str] = ("GPS", "BDS-2"),
+    without: str | Sequence[str] = (),
+    error_model: str | ErrorModel = "residual",
+) -> Geometry:
+    """The satellites of nominal constellations as a user sees them, epoch by epoch.
+
+    Args:
+        site: where a standing user is: a name of `pl_mc.geometry.sites.SITES`, text "X,Y,Z" or three Earth-fixed
+            coordinates [m]; CUT0 where neither site nor track is given.
+        track_m: (epochs, 3), Earth-fixed positions of a moving user instead of a site [m].
+        start: first epoch in GPS time, ISO 8601 without time zone.
+        epochs: number of epochs; 2880 over a site, as many as the track has otherwise.
+        interval_s: time from one epoch to the next [s].
+        mask_deg: elevation below which a satellite does not count, 0 to below 90 [deg].
+        visible: (epochs, m), False where a satellite is hidden for reasons other than the mask; m counts the
+            satellites of `constellation_slots(constellations, without)`.
+        constellations: names of `pl_mc.geometry.constellations.CONSTELLATIONS`.
+        without: satellites that are switched off.
+        error_model: name of an error model, or an object that serves as one.
+
+    Returns:
+        A series of epochs. There is one clock for each system in view at any epoch, in the order G, C, E, R;
+        BeiDou-2 and BeiDou-3 share one. A satellite alone in its system keeps its row.
+
+    Raises:
+        InputError: an option that cannot be used, or no satellite in view at any epoch.
+    """
+    slots = constellation_slots(constellations, without)
+    model = as_error_model(error_model)
+    position, epochs = _positions_m(site, track_m, epochs)
+    mask_deg = _number("mask_deg", mask_deg)
+    if not 0.0 <= mask_deg < 90.0:
+        nearest_valid = "0" if mask_deg < 0 else "below 90"
+        raise InputError(
+            f"mask_deg: {mask_deg:g} deg is outside the range from 0 to below 90 deg; nearest: {nearest_valid}."
+        )
+    interval_s = _number("interval_s", interval_s)
+    if interval_s <= 0:
+        raise InputError(f"interval_s: {interval_s:g} s; the time between epochs is over zero, as in 30 s.")
+    time_gps_s = gps_seconds(start) + interval_s * np.arange(epochs)
+
+    # One epoch keeps its axis, whatever the conversion makes of an axis of length one.
+    latitude, longitude = (np.reshape(angle, epochs) for angle in geodetic(position)[:2])
+    sight = satellite_positions_m(slots, time_gps_s) - position[:, None]
+    sight = sight / np.linalg.norm(sight, axis=-1, keepdims=True)
+    enu = np.einsum("eij,emj->emi", enu_rotation(latitude, longitude), sight)
+    # On the horizon itself sigma is infinite, so a mask of zero still needs a satellite above it.
+    in_view = (enu[..., UP] >= np.sin(np.radians(mask_deg))) & (enu[..., UP] > 0)
+    if visible is not None:
+        in_view &= _visibility(visible, in_view.shape)
+    if not in_view.any():
+        raise InputError(f"geometry: no satellite is above the mask of {mask_deg:g} deg at any epoch.")
+
+    clocks = _clocks(slots, in_view)
+    sigma_m = np.ones(in_view.shape)
+    at, satellite = np.nonzero(in_view)
+    east, north, up = enu[at, satellite].T
+    sky = Sky(
+        orbit=np.array([slot.orbit for slot in slots])[satellite],
+        elevation_rad=np.arcsin(np.minimum(up, 1.0)),
+        azimuth_rad=np.arctan2(east, north) % (2 * np.pi),
+        latitude_rad=latitude[at],
+        longitude_rad=longitude[at],
+    )
+    sigma = np.asarray(model.sigma_m(sky), dtype=float)
+    if sigma.shape != at.shape:
+        raise InputError(
+            f"error model {model.name!r}: one sigma per satellite is needed, shape {at.shape}, not {sigma.shape}."
+        )
+    sigma_m[at, satellite] = sigma
+
+    design = np.zeros((*in_view.shape, POSITION_UNKNOWNS + len(clocks)))
+    design[..., :POSITION_UNKNOWNS] = -enu
+    for column, letter in enumerate(clocks, start=POSITION_UNKNOWNS):
+        design[:, [slot.system == letter for slot in slots], column] = 1.0
+    return Geometry.from_rows(
+        design=design,
+        sigma_m=sigma_m,
+        in_view=in_view,
+        names=[slot.name for slot in slots],
+        systems=[slot.system for slot in slots],
+        clocks=clocks,
+        time_gps_s=time_gps_s,
+    )
+
+
+def _positions_m(
+    site: str | ArrayLike | None, track_m: ArrayLike | None, epochs: int | None
+) -> tuple[NDArray[np.float64], int]:
+    """Position at each epoch (epochs, 3) [m] and the number of epochs."""
+    if epochs is not None and (isinstance(epochs, bool) or not isinstance(epochs, int | np.integer) or epochs < 1):
+        raise InputError(f"epochs: {epochs!r} cannot be used; it is a whole number of at least 1.")
+    if track_m is None:
+        count = DEFAULT_EPOCHS if epochs is None else int(epochs)
+        return np.tile(site_position_m(DEFAULT_SITE if site is None else site), (count, 1)), count
+    if site is not None:
+        raise InputError("site: a track is given too; the user either stands at a site or moves along a track.")
+    track = checked_positions_m(track_m, field="track_m", shape=(None, 3))
+    if epochs not in (None, len(track)):
+        raise InputError(f"epochs: {epochs} were asked for, but the track has {len(track)}; leave epochs out.")
+    return track, len(track)
+
+
+def _visibility(visible: ArrayLike, shape: tuple[int, ...]) -> NDArray[np.bool_]:
+    mask = np.asarray(visible)
+    if mask.dtype != np.bool_ or mask.shape != shape:
+        raise InputError(
+            f"visible: True or False by epoch and satellite is needed, {shape}, not {mask.dtype} {mask.shape}."
+        )
+    return mask
+
+
+def _clocks(slots: Sequence[Slot], in_view: NDArray[np.bool_]) -> tuple[str, ...]:
+    """Letters of the systems that are in view at some epoch, in the order of the record."""
+    seen = {slot.system for slot, ever in zip(slots, np.any(in_view, axis=0).tolist(), strict=True) if ever}
+    return tuple(letter for letter in SYSTEM_NAMES if letter in seen)
+
+
+def _number(field: str, value: float) -> float:
+    try:
+        number = float(value)
+    except (TypeError, ValueError):
+        number = np.nan
+    if not np.isfinite(number):
+        raise InputError(f"{field}: {value!r} is not a finite number.")
+    return number

@@ -1,0 +1,107 @@
+"""Figures: one look for all, legible in grey, saved as PNG and SVG with no clock or random name in the file."""
+
+from __future__ import annotations
+
+import functools
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any, ParamSpec
+
+import matplotlib as mpl
+from matplotlib.axes import Axes
+from matplotlib.backends.backend_agg import FigureCanvasAgg
+from matplotlib.figure import Figure
+
+_LOOK: Any = {
+    "svg.hashsalt": "pl_mc",
+    "svg.fonttype": "none",
+    "font.size": 9.5,
+    "axes.spines.top": False,
+    "axes.spines.right": False,
+    "axes.grid": True,
+    "grid.color": "0.9",
+    "axes.axisbelow": True,
+    "legend.frameon": False,
+    "legend.fontsize": 8.5,
+    "axes.titlelocation": "left",
+    "axes.titlesize": 10.5,
+}
+
+
+@dataclass(frozen=True)
+class SeriesStyle:
+    """How one method is drawn: a colour, and a line and marker that tell it apart in grey."""
+
+    colour: str
+    line: str
+    marker: str
+
+
+# Okabe and Ito's colours, ordered so that neighbours differ in lightness too.
+_STYLES = (
+    SeriesStyle("#0072B2", "-", "o"),
+    SeriesStyle("#D55E00", "--", "s"),
+    SeriesStyle("#009E73", "-.", "^"),
+    SeriesStyle("#CC79A7", ":", "D"),
+    SeriesStyle("#56B4E9", "-", "v"),
+    SeriesStyle("#E69F00", "--", "P"),
+)
+
+_LABELS = {"ls": "least squares (VPL)", "igg3": "IGG-III (VPL_R)"}
+
+
+_Arguments = ParamSpec("_Arguments")
+
+
+def in_common_look(make: Callable[_Arguments, Figure]) -> Callable[_Arguments, Figure]:
+    """Decorator of a function that draws a figure: titles, legends and grids in the common look."""
+
+    @functools.wraps(make)
+    def wrapped(*args: _Arguments.args, **kwargs: _Arguments.kwargs) -> Figure:
+        with mpl.rc_context(_LOOK):
+            return make(*args, **kwargs)
+
+    return wrapped
+
+
+def series_style(index: int) -> SeriesStyle:
+    """The style of the method in that place of a list."""
+    return _STYLES[index % len(_STYLES)]
+
+
+def method_label(name: str) -> str:
+    """A method's name in a legend."""
+    return _LABELS.get(name, name)
+
+
+def new_figure(
+    rows: int, columns: int, *, width_in: float, height_in: float, **options: Any
+) -> tuple[Figure, list[Axes]]:
+    """A figure and its axes, row by row; call it inside a function that is `in_common_look`."""
+    figure = Figure(figsize=(width_in, height_in), layout="constrained")
+    FigureCanvasAgg(figure)
+    axes = figure.subplots(rows, columns, squeeze=False, **options)
+    return figure, list(axes.flat)
+
+
+def limit_line(axes: Axes, value: float, label: str) -> None:
+    """A horizontal line at a limit, named where it is drawn."""
+    axes.axhline(value, color="0.15", linewidth=1.2, linestyle=(0, (6, 2)), zorder=1.5)
+    axes.annotate(
+        label, xy=(0.995, value), xycoords=("axes fraction", "data"), xytext=(0, 2), textcoords="offset points",
+        ha="right", va="bottom", fontsize=8.5, color="0.15",
+    )  # fmt: skip
+
+
+def shade(axes: Axes, windows: Sequence[tuple[float, float]], label: str | None = None) -> None:
+    """Shade windows of the horizontal axis, such as those with a fault."""
+    for k, (start, stop) in enumerate(windows):
+        axes.axvspan(start, stop, color="0.85", linewidth=0, zorder=0.5, label=label if k == 0 else None)
+
+
+def save_figure(figure: Figure, folder: Path, name: str) -> None:
+    """``name.png`` and ``name.svg``."""
+    with mpl.rc_context(_LOOK):
+        figure.savefig(folder / f"{name}.png", dpi=150, metadata={"Software": None})
+        figure.savefig(folder / f"{name}.svg", metadata={"Date": None, "Creator": None})

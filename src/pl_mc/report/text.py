@@ -1,0 +1,46 @@
+"""Numbers as a reader wants them: rates with their intervals, tables in Markdown."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Sequence
+
+
+def rate_text(count: int, total: int, low: float, high: float) -> str:
+    """``12.3 % [11.9, 12.7]``; where nothing was counted the upper bound, since zero events are not zero risk."""
+    if total == 0:
+        return "no draw"
+    if count == 0:
+        return f"0 (< {percent(high)} %)"
+    if count == total:
+        return f"all (> {percent(low)} %)"
+    return f"{percent(count / total)} % [{percent(low)}, {percent(high)}]"
+
+
+def percent(rate: float) -> str:
+    """A rate in per cent with three significant digits."""
+    value = 100.0 * rate
+    if value == 0 or value >= 0.001:
+        return f"{value:.3g}" if value < 99.95 else f"{value:.5g}"
+    return f"{value:.2e}"
+
+
+def metres(value: float) -> str:
+    """A length to the millimetre below 10 m, to the decimetre from 100 m on."""
+    return (
+        "-"
+        if value != value
+        else f"{value:.3f}"
+        if abs(value) < 10
+        else f"{value:.2f}"
+        if abs(value) < 100
+        else f"{value:.1f}"
+    )
+
+
+def markdown_table(header: Sequence[str], rows: Iterable[Sequence[object]]) -> str:
+    """A Markdown table whose columns are padded, so that it also reads well as plain text."""
+    cells = [[str(cell) for cell in row] for row in (header, *rows)]
+    widths = [max(len(row[k]) for row in cells) for k in range(len(header))]
+    lines = ["| " + " | ".join(cell.ljust(w) for cell, w in zip(row, widths, strict=True)) + " |" for row in cells]
+    lines.insert(1, "|" + "|".join("-" * (w + 2) for w in widths) + "|")
+    return "\n".join(lines)

@@ -1,0 +1,88 @@
+"""What counts tell: exact confidence bounds of a rate, and whether a count fits a known rate.
+
+Both rest on the binomial distribution itself, not on a normal approximation, since the counts of interest are
+often 0, 1 or 2 in millions.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+from scipy import special
+
+from pl_mc.input_errors import InputError
+
+
+def clopper_pearson(
+    events: ArrayLike, draws: ArrayLike, confidence: float = 0.95
+) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    """Exact two-sided bounds of a probability, from how often it happened.
+
+    Source: Clopper & Pearson (1934), Biometrika 26(4):404-413; each side leaves out at most half of
+    ``1 - confidence``. Without an event the bounds are 0 and 1 - ((1 - confidence)/2)^(1/draws); without a draw
+    they are 0 and 1.
+
+    Args:
+        events: (...), number of events, whole numbers from 0 to ``draws``.
+        draws: (...), number of draws; broadcast against ``events``.
+        confidence: probability that the bounds hold the true rate, at the least; between 0 and 1, both excluded.
+
+    Returns:
+        Lower and upper bounds, each (...).
+
+    Raises:
+        InputError: counts that are negative, not whole or more than the draws; a confidence outside (0, 1).
+    """
+    count, total = _require_counts(events, draws)
+    if not 0.0 < confidence < 1.0:
+        raise InputError(f"confidence: it lies between 0 and 1, both excluded, not {confidence!r}.")
+    half = (1.0 - confidence) / 2.0
+    other = total - count
+    # The beta function has no zero parameter: those counts get their closed forms below.
+    low = special.betaincinv(np.maximum(count, 1.0), other + 1.0, half)
+    high = special.betainccinv(count + 1.0, np.maximum(other, 1.0), half)
+    some = np.maximum(total, 1.0)
+    low = np.where(other == 0, np.exp(np.log(half) / some), low)
+    high = np.where(count == 0, -np.expm1(np.log(half) / some), high)
+    return np.where(count == 0, 0.0, low), np.where(other == 0, 1.0, high)
+
+
+def binomial_p_value(events: ArrayLike, draws: ArrayLike, probability: ArrayLike) -> NDArray[np.float64]:
+    """How surprising a count is where the rate is known: twice the smaller tail of the binomial, 1 at the most.
+
+    Both tails hold the observed count, so under the known rate P(value <= a) <= a for every a. Doubling differs
+    from the test that adds up all counts as improbable as the one seen; it is the one that agrees with
+    `clopper_pearson`: the value is below 1 - confidence exactly where the bounds leave the rate out.
+
+    Args:
+        events: (...), number of events, whole numbers from 0 to ``draws``.
+        draws: (...), number of draws.
+        probability: (...), the known rate; the three broadcast.
+
+    Raises:
+        InputError: counts that do not fit each other, or a probability outside [0, 1].
+    """
+    count, total = _require_counts(events, draws)
+    rate = np.asarray(probability, dtype=float)
+    if not ((rate >= 0.0) & (rate <= 1.0)).all():
+        raise InputError("probability: a rate lies between 0 and 1.")
+    other = total - count
+    # P(X >= k) = I_p(k, n-k+1) and P(X <= k) = 1 - I_p(k+1, n-k); the complement by its own function, since a
+    # difference from 1 would lose the tail.
+    at_least = np.where(count == 0, 1.0, special.betainc(np.maximum(count, 1.0), other + 1.0, rate))
+    at_most = np.where(other == 0, 1.0, special.betaincc(count + 1.0, np.maximum(other, 1.0), rate))
+    return np.minimum(1.0, 2.0 * np.minimum(at_least, at_most))
+
+
+def _require_counts(events: ArrayLike, draws: ArrayLike) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    """Both counts as floats of one shape."""
+    try:
+        count, total = np.broadcast_arrays(np.asarray(events, dtype=float), np.asarray(draws, dtype=float))
+    except (TypeError, ValueError) as error:
+        raise InputError(f"events, draws: they cannot be read as counts of one shape ({error}).") from None
+    for name, value in (("events", count), ("draws", total)):
+        if not (np.isfinite(value) & (value >= 0) & (value == np.floor(value))).all():
+            raise InputError(f"{name}: a count is a whole number and not negative.")
+    if (count > total).any():
+        raise InputError("events: there cannot be more events than draws.")
+    return count, total
