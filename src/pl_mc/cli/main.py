@@ -22,6 +22,8 @@ app = App(
     version=pl_mc.__version__,
     help="How often does a protection level alarm, how often does it miss, under which fault?",
     help_format="markdown",
+    # Ctrl-C is this program's to answer, with a sentence and an exit code.
+    suppress_keyboard_interrupt=False,
 )
 
 
@@ -137,7 +139,7 @@ def _run(name: str, record: Any, out: Path | None, progress: bool | None) -> Non
 def main(arguments: Sequence[str] | None = None) -> None:
     """Entry point: bad input becomes one sentence and exit code 2."""
     try:
-        app(arguments, exit_on_error=False, print_error=False)
+        app(arguments, exit_on_error=False, print_error=False, result_action="return_value")
     except (InputError, cyclopts.CycloptsError) as error:
         print(
             f"pl-mc: {' '.join(str(error).split()) if isinstance(error, cyclopts.CycloptsError) else error}",

@@ -23,6 +23,11 @@ def require_inputs(g: Geometry, faults: Faults, alert: AlertLimits) -> None:
     if not isinstance(alert, AlertLimits):
         raise InputError(f"alert: alert limits such as pl_mc.LPV_200 are needed, not {type(alert).__name__}.")
     faults.require_geometry(g)
+    if not g.is_series and g.satellite_count < g.unknown_count:
+        raise InputError(
+            f"geometry: {g.satellite_count} satellites cannot determine {g.unknown_count} unknowns; at least "
+            f"{g.unknown_count} are needed (in a series of epochs such an epoch counts as unavailable)."
+        )
 
 
 def require_whole(value: int, *, field: str, low: int, high: int | None = None) -> int:

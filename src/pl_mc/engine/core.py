@@ -31,6 +31,7 @@ class EpochBatch:
     Attributes:
         design: (e, n, t) [m/m]; sigma_m: (e, n) [m]; in_view: (e, n).
         bias_m: (e, f, n), bias vectors [m].
+        applies: (e, f), which of them are faults of this call; the others are skipped.
         epoch: (e,), epoch numbers, which choose the noise.
     """
 
@@ -38,6 +39,7 @@ class EpochBatch:
     sigma_m: Array
     in_view: Array
     bias_m: Array
+    applies: Array
     epoch: Array
 
 
@@ -62,14 +64,17 @@ def count_events(
         model, prepared = _prepare(one, methods)
 
         def add_block(total: Array, block: Array) -> tuple[Array, None]:
-            live = (block < full_blocks) | ((block == full_blocks) & (jnp.arange(LANES) < remainder))
+            live = (block < full_blocks) | (
+                (block == full_blocks) & (jnp.arange(LANES, dtype=jnp.int32) < remainder)
+            )
 
             def count(outcomes: list[Outcome]) -> Array:
                 seen = jnp.stack([events(outcome, vertical_m) for outcome in outcomes])
                 return jnp.sum(seen & live, axis=-1, dtype=jnp.int32)
 
             noise = unit_noise(epoch_key(seed, one.epoch), block, model.design.shape[0], model.design.dtype)
-            counts = _each_fault(model, prepared, methods, one.bias_m, noise, count)
+            nothing = jnp.zeros((len(methods), len(EVENTS)), jnp.int32)
+            counts = _each_fault(model, prepared, methods, one, noise, count, skipped=nothing)
             return total + counts, None
 
         none = jnp.zeros((one.bias_m.shape[0], len(methods), len(EVENTS)), jnp.int32)
@@ -84,7 +89,7 @@ def block_outcomes(batch: EpochBatch, seed: Array, block: Array, *, methods: tup
     def one_epoch(one: EpochBatch) -> list[Outcome]:
         model, prepared = _prepare(one, methods)
         noise = unit_noise(epoch_key(seed, one.epoch), block, model.design.shape[0], model.design.dtype)
-        return _each_fault(model, prepared, methods, one.bias_m, noise, lambda outcomes: outcomes)
+        return _each_fault(model, prepared, methods, one, noise, lambda outcomes: outcomes)
 
     return jax.lax.map(one_epoch, batch)
 
@@ -98,31 +103,39 @@ def _each_fault(
     model: LinearModel,
     prepared: list,
     methods: tuple[Method, ...],
-    bias_m: Array,
+    one: EpochBatch,
     noise: Array,
     reduce: Callable[[list[Outcome]], Result],
+    *,
+    skipped: Result | None = None,
 ) -> Result:
-    """``reduce`` of the methods' outcomes for each bias vector (f, n) added to the same noise (n, lanes)."""
+    """``reduce`` of the methods' outcomes for each bias vector of one epoch, added to the same noise (n, lanes).
+
+    Where a fault does not apply the result is ``skipped``, at no cost, unless that is None.
+    """
     noise = noise * model.in_view[:, None]
     noise_state = product(model.gain, noise)
     noise_residuals = noise - product(model.design, noise_state)
     noise_square_sum = jnp.sum(noise_residuals * noise_residuals, axis=0)
 
-    bias = bias_m * model.weight_root
+    bias = one.bias_m * model.weight_root
     bias_state = product(bias, model.gain.T)
     bias_residuals = bias - product(bias_state, model.design.T)
     cross = product(bias_residuals, noise_residuals)
 
-    def one_fault(parts: tuple[Array, Array, Array]) -> Result:
-        state, residuals, cross_sum = parts
-        square_sum = noise_square_sum + 2.0 * cross_sum + jnp.sum(residuals * residuals)
-        start = Start(
-            residuals=noise_residuals + residuals[:, None],
-            state=noise_state + state[:, None],
-            # A square sum, but for the rounding of its three parts.
-            square_sum=jnp.maximum(square_sum, 0.0),
-        )
-        outcomes = [m.solve(model, p, start) for m, p in zip(methods, prepared, strict=True)]
-        return reduce(outcomes)
+    def one_fault(parts: tuple[Array, Array, Array, Array]) -> Result:
+        applies, state, residuals, cross_sum = parts
 
-    return jax.lax.map(one_fault, (bias_state, bias_residuals, cross))
+        def solve() -> Result:
+            square_sum = noise_square_sum + 2.0 * cross_sum + jnp.sum(residuals * residuals)
+            start = Start(
+                residuals=noise_residuals + residuals[:, None],
+                state=noise_state + state[:, None],
+                # A square sum, but for the rounding of its three parts.
+                square_sum=jnp.maximum(square_sum, 0.0),
+            )
+            return reduce([m.solve(model, p, start) for m, p in zip(methods, prepared, strict=True)])
+
+        return solve() if skipped is None else jax.lax.cond(applies, solve, lambda: skipped)
+
+    return jax.lax.map(one_fault, (one.applies, bias_state, bias_residuals, cross))

@@ -67,7 +67,7 @@ class Plan:
     def batch(self, chunk: Chunk, dtype: np.dtype) -> EpochBatch:
         """The arrays of one call, made in the precision scope in which it runs.
 
-        The last epoch is repeated where a call is not full.
+        Where a call is not full the last epoch is repeated, with no fault that applies.
         """
         places = np.arange(chunk.first_epoch, chunk.first_epoch + self.epochs_per_call)
         places = np.minimum(places, chunk.stop_epoch - 1)
@@ -75,12 +75,15 @@ class Plan:
         g = self.geometry
         # (e, f, n): the bias of the satellite in each row, for the faults that apply; zero elsewhere.
         bias = self.faults.bias_m[self.fault_index[places][:, :, None], g.satellite[index][:, None, :]]
-        counts = (self.fault_index[places] >= 0)[:, :, None] & g.in_view[index][:, None, :]
+        applies = self.fault_index[places] >= 0
+        counts = applies[:, :, None] & g.in_view[index][:, None, :]
+        surplus = np.arange(self.epochs_per_call) >= chunk.stop_epoch - chunk.first_epoch
         return EpochBatch(
             design=jnp.asarray(g.design[index], dtype),
             sigma_m=jnp.asarray(g.sigma_m[index], dtype),
             in_view=jnp.asarray(g.in_view[index]),
             bias_m=jnp.asarray(np.where(counts, bias, 0.0), dtype),
+            applies=jnp.asarray(applies & ~surplus[:, None]),
             epoch=jnp.asarray(g.epoch[index], np.uint32),
         )
 

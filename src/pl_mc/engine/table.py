@@ -57,7 +57,9 @@ def with_rates(counts: pd.DataFrame) -> pd.DataFrame:
     columns: dict[str, NDArray] = {}
     for event in EVENTS:
         seen = counts[event.count].to_numpy()
-        low, high = clopper_pearson(seen, draws, CONFIDENCE)
+        # The same counts come again and again; their bounds are worth computing once.
+        pairs, place = np.unique(np.stack([seen, draws], axis=1), axis=0, return_inverse=True)
+        low, high = (bound[place] for bound in clopper_pearson(pairs[:, 0], pairs[:, 1], CONFIDENCE))
         columns |= {f"{event.name}_rate": seen / draws, f"{event.name}_low": low, f"{event.name}_high": high}
     return pd.concat([counts, pd.DataFrame(columns, index=counts.index)], axis=1)
 

@@ -64,9 +64,7 @@ def build_experiment(content: Mapping[str, Any], *, source: str) -> Experiment:
     try:
         return model.model_validate(content)
     except ValidationError as error:
-        lines = [_sentence(source, model, item) for item in error.errors()]
-        # One wrong field can fail several alternatives of a union with the same words.
-        raise InputError("\n".join(dict.fromkeys(lines))) from None
+        raise InputError("\n".join(_sentence(source, model, item) for item in error.errors())) from None
 
 
 def _from_toml(path: Path, text: str) -> dict[str, Any]:
@@ -85,8 +83,8 @@ def _from_manifest(path: Path, text: str) -> tuple[str, dict[str, Any]]:
 
 
 def _sentence(source: str, model: type[BaseModel], error: Mapping[str, Any]) -> str:
-    place = [str(part) for part in error["loc"]]
-    names = [part for part in place if not part[:1].isupper()]
+    # Capitalised parts are the forms that a field may take, not names in the file.
+    names = [str(part) for part in error["loc"] if not str(part)[:1].isupper()]
     field = ".".join(names)
     if error["type"] == "extra_forbidden":
         owners = _models_at(model, names[:-1])

@@ -3,11 +3,11 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import Annotated, Literal
+from typing import Annotated, Any, Literal
 
 import numpy as np
 import pandas as pd
-from pydantic import Field
+from pydantic import Discriminator, Field, Tag
 
 from pl_mc.engine import sample, sweep
 from pl_mc.engine.table import sum_over_epochs
@@ -67,13 +67,23 @@ class ListedFaults(Strict):
         return sum(made[1:], made[0]), ()
 
 
+def _form_of_faults(given: Any) -> str:
+    listed = "biases" in given if isinstance(given, dict) else isinstance(given, ListedFaults)
+    return "Listed" if listed else "Ramp"
+
+
+AnyFaults = Annotated[
+    Annotated[RampFaults, Tag("Ramp")] | Annotated[ListedFaults, Tag("Listed")], Discriminator(_form_of_faults)
+]
+
+
 class SweepExperiment(Experiment):
     """A sweep; see `pl_mc.sweep` for what is counted."""
 
     kind: Literal["sweep"] = "sweep"
     draws: int = Field(ge=1)
     geometry: SimulatedGeometry = SimulatedGeometry()
-    faults: RampFaults | ListedFaults
+    faults: AnyFaults
 
 
 def run(experiment: SweepExperiment, folder: Path, *, progress: bool | None) -> tuple[str, tuple[str, ...]]:

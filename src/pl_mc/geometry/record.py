@@ -148,7 +148,7 @@ class Geometry:
             raise InputError("sigma_m: a sigma is finite and positive for every satellite in view.")
         if not np.isfinite(design[in_view]).all():
             raise InputError("design: the rows of satellites in view are finite.")
-        seen = np.flatnonzero(in_view.any(axis=0))
+        seen = np.flatnonzero(in_view.any(axis=0)).tolist()
         design, sigma_m, in_view = design[:, seen], sigma_m[:, seen], in_view[:, seen]
         width = int(in_view.sum(axis=1).max())
         # A stable sort puts the satellites in view first and keeps their order.
@@ -204,7 +204,7 @@ class Geometry:
         if isinstance(index, slice):
             if len(range(*index.indices(len(self)))) == 0:
                 raise InputError(f"geometry: the slice {index.start}:{index.stop} holds no epoch of {len(self)}.")
-            return dataclasses.replace(self, **{name: getattr(self, name)[index] for name in _ARRAYS})
+            return self._with_arrays({name: getattr(self, name)[index] for name in _ARRAYS})
         if not -len(self) <= index < len(self):
             raise InputError(f"geometry: epoch index {index} is outside 0 to {len(self) - 1}.")
         rows = np.flatnonzero(self.in_view[index])
@@ -228,7 +228,10 @@ class Geometry:
         """The same geometry with an axis of epochs, of length one for a single epoch."""
         if self.is_series:
             return self
-        return dataclasses.replace(self, **{name: np.asarray(getattr(self, name))[None] for name in _ARRAYS})
+        return self._with_arrays({name: np.asarray(getattr(self, name))[None] for name in _ARRAYS})
+
+    def _with_arrays(self, arrays: dict[str, Any]) -> Geometry:
+        return dataclasses.replace(self, **arrays)
 
 
 _ARRAYS = ("design", "sigma_m", "in_view", "satellite", "epoch", "time_gps_s")

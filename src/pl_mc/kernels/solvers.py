@@ -8,8 +8,8 @@ from jax.typing import ArrayLike
 
 from pl_mc.input_errors import InputError
 from pl_mc.kernels.estimate import Estimate, Start, safe_sqrt, start_from
-from pl_mc.kernels.irls import IrlsOptions, irls
 from pl_mc.kernels.linear_model import LinearModel, linear_model, per_lane
+from pl_mc.kernels.reweighting import IrlsOptions, irls
 
 
 def ls(design: ArrayLike, sigma_m: ArrayLike, observed_m: ArrayLike, in_view: ArrayLike | None = None) -> Estimate:

@@ -1,0 +1,7 @@
+"""Real receivers: from RINEX files and a known position to a series `Geometry` with pseudorange errors."""
+
+from pl_mc.receiver.observations import ReceiverSeries, read_receiver_series
+from pl_mc.receiver.rinex import ReceiverData, read_rinex
+from pl_mc.receiver.truth import Truth, read_truth
+
+__all__ = ["ReceiverData", "ReceiverSeries", "Truth", "read_receiver_series", "read_rinex", "read_truth"]

@@ -1,0 +1,248 @@
+"""A day of a real receiver as a series `Geometry` with the pseudorange errors about a known position."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+
+from pl_mc.error_models import DEFAULT_ERROR_MODEL, ErrorModel, Sky, as_error_model
+from pl_mc.geometry.frames import enu_rotation, geodetic
+from pl_mc.geometry.record import EAST, NORTH, SYSTEM_NAMES, UP, Geometry
+from pl_mc.input_errors import InputError
+from pl_mc.receiver.corrections import (
+    ionosphere_frequency_factor,
+    klobuchar_delay_m,
+    line_of_sight,
+    troposphere_delay_m,
+)
+from pl_mc.receiver.rinex import SYSTEMS, ReceiverData, gps_date, read_rinex
+from pl_mc.receiver.truth import Truth
+
+DEFAULT_MASK_DEG = 10.0
+
+# From a medium orbit overhead to a geostationary one at the horizon, with milliseconds of receiver clock.
+PLAUSIBLE_PSEUDORANGE_M = (1.5e7, 5.0e7)
+
+# A truth further from the header's approximate position than this belongs to another receiver.
+LARGEST_HEADER_DISTANCE_M = 1e5
+
+# Errors of this size are no receiver noise: a jump, a fault, or a damaged digit. They are data all the same.
+GROSS_ERROR_M = 1e3
+
+_NAMED_AT_MOST = 8
+
+
+@dataclass(frozen=True)
+class ReceiverSeries:
+    """What a real receiver saw, ready to be analysed; e epochs, n rows, as in the geometry.
+
+    Attributes:
+        geometry: the series, linearised at the true positions, one clock column per system.
+        errors_m: (e, n), pseudorange errors about the truth, 0 where padded [m]. The least-squares solution of
+            an epoch's errors is its position error in east, north, up.
+        truth_m: (e, 3), true Earth-fixed positions [m].
+        notes: sentences about what was left out, and why.
+    """
+
+    geometry: Geometry
+    errors_m: NDArray[np.float64]
+    truth_m: NDArray[np.float64]
+    notes: tuple[str, ...]
+
+
+def read_receiver_series(
+    obs_path: str | Path,
+    nav_path: str | Path,
+    truth: Truth,
+    *,
+    systems: Sequence[str] = SYSTEMS,
+    mask_deg: float = DEFAULT_MASK_DEG,
+    error_model: str | ErrorModel = DEFAULT_ERROR_MODEL,
+) -> ReceiverSeries:
+    """Read RINEX files and take from each pseudorange everything that is known at the true position.
+
+    Errors are pseudorange less (range with Earth rotation, less satellite clock, plus Saastamoinen troposphere,
+    plus Klobuchar ionosphere). The receiver clock stays in them, but for the median of each epoch and system,
+    which is taken away so that the numbers are small; this changes the clock unknowns and nothing else.
+
+    A satellite is in view where it has a plausible pseudorange, a healthy ephemeris within the window, and an
+    elevation of at least the mask.
+
+    Args:
+        obs_path, nav_path: RINEX 3 files, see `pl_mc.receiver.rinex.read_rinex`.
+        truth: the true position or track, see `pl_mc.receiver.truth.read_truth`.
+        systems: RINEX letters, G and C; clock columns come in this order.
+        mask_deg: lowest elevation [deg].
+        error_model: a name or a model, for the standard deviations.
+
+    The position of a track is taken at the time that the receiver's clock shows, which is up to a millisecond off:
+    centimetres for a car.
+
+    Raises:
+        InputError: what `read_rinex` refuses; a mask outside 0 to 90 degrees; a truth more than 100 km from the
+            header's position; no epoch with a known position and a satellite in view.
+    """
+    if not 0 <= mask_deg < 90:
+        raise InputError(f"mask_deg: {mask_deg:g} is outside 0 to 90 degrees.")
+    model = as_error_model(error_model)
+    data = read_rinex(obs_path, nav_path, systems=systems)
+    truth_m, known = truth.at(data.time_gps_s)
+    _require_usable_truth(obs_path, truth, truth_m, known, data)
+    epochs = np.flatnonzero(known)
+    truth_m = truth_m[known]
+
+    latitude, longitude, height = geodetic(truth_m)
+    range_m, unit = line_of_sight(data.satellite_position_m[known], truth_m[:, None, :])
+    unit = np.einsum("eij,emj->emi", enu_rotation(latitude, longitude), unit)
+    elevation = np.arcsin(np.clip(unit[..., UP], -1.0, 1.0))
+    azimuth = np.arctan2(unit[..., EAST], unit[..., NORTH])
+    pseudorange_m = data.pseudorange_m[known]
+    plausible = (pseudorange_m >= PLAUSIBLE_PSEUDORANGE_M[0]) & (pseudorange_m <= PLAUSIBLE_PSEUDORANGE_M[1])
+    # A comparison with NaN (no ephemeris) is False; the error models have no figures for the horizon itself.
+    in_view = plausible & (elevation >= np.radians(mask_deg)) & (elevation > 0)
+    if not in_view.any():
+        raise InputError(
+            f"{obs_path}: no epoch can be used; no satellite with pseudorange and ephemeris is {mask_deg:g} "
+            f"degrees or more above the horizon of the true position ({truth.source})."
+        )
+
+    row, column = np.nonzero(in_view)
+    sky = Sky(
+        orbit=np.array(data.orbits)[column],
+        elevation_rad=elevation[in_view],
+        azimuth_rad=azimuth[in_view],
+        latitude_rad=latitude[row],
+        longitude_rad=longitude[row],
+    )
+    sigma_m = np.ones(in_view.shape)
+    sigma_m[in_view] = model.sigma_m(sky)
+    delay_m = _atmosphere_m(data, data.time_gps_s[known][row], column, sky, height[row])
+    error_m = np.zeros(in_view.shape)
+    error_m[in_view] = (pseudorange_m - range_m + data.satellite_clock_m[known])[in_view] - delay_m
+    error_m = _without_medians(error_m, in_view, data.systems)
+
+    clock = np.array([[float(letter == system) for system in systems] for letter in data.systems])
+    design = np.concatenate([-unit, np.broadcast_to(clock, (*in_view.shape, len(systems)))], axis=-1)
+    g = Geometry.from_rows(
+        design=design,
+        sigma_m=sigma_m,
+        in_view=in_view,
+        names=data.names,
+        systems=data.systems,
+        clocks=tuple(systems),
+        epoch=epochs,
+        time_gps_s=data.time_gps_s[known],
+    )
+    kept = np.array([data.names.index(name) for name in g.names])
+    packed = np.where(g.in_view, np.take_along_axis(error_m[:, kept], g.satellite, axis=1), 0.0)
+    notes = (*_epoch_notes(data, known, in_view, systems), *_satellite_notes(data, known, plausible, error_m))
+    return ReceiverSeries(geometry=g, errors_m=packed, truth_m=truth_m, notes=notes)
+
+
+def _atmosphere_m(
+    data: ReceiverData, time_gps_s: NDArray, column: NDArray, sky: Sky, height_m: NDArray
+) -> NDArray[np.float64]:
+    """Ionospheric and tropospheric delay of each satellite in view [m]."""
+    ionosphere_m = klobuchar_delay_m(
+        time_gps_s=time_gps_s,
+        latitude_rad=sky.latitude_rad,
+        longitude_rad=sky.longitude_rad,
+        azimuth_rad=sky.azimuth_rad,
+        elevation_rad=sky.elevation_rad,
+        alpha=data.klobuchar_alpha,
+        beta=data.klobuchar_beta,
+    )
+    factor = np.array([ionosphere_frequency_factor(letter) for letter in data.systems])[column]
+    troposphere_m = troposphere_delay_m(
+        latitude_rad=sky.latitude_rad, height_m=height_m, elevation_rad=sky.elevation_rad
+    )
+    return factor * ionosphere_m + troposphere_m
+
+
+def _without_medians(
+    error_m: NDArray[np.float64], in_view: NDArray[np.bool_], systems: Sequence[str]
+) -> NDArray[np.float64]:
+    """Errors less the median of the satellites in view of the same epoch and system."""
+    result = error_m.copy()
+    for letter in set(systems):
+        mine = in_view & (np.array(systems) == letter)
+        some = mine.any(axis=1)
+        median = np.zeros(len(error_m))
+        median[some] = np.nanmedian(np.where(mine, error_m, np.nan)[some], axis=1)
+        result = np.where(mine, result - median[:, None], result)
+    return result
+
+
+def _require_usable_truth(
+    obs_path: str | Path, truth: Truth, truth_m: NDArray, known: NDArray[np.bool_], data: ReceiverData
+) -> None:
+    if not known.any():
+        raise InputError(
+            f"{truth.source}: the track ({gps_date(truth.time_gps_s[0])}) gives no position at any epoch of "
+            f"{obs_path} ({gps_date(data.time_gps_s[0])})."
+        )
+    distance_m = float(np.linalg.norm(truth_m[known][0] - data.header_position_m))
+    if distance_m > LARGEST_HEADER_DISTANCE_M:
+        raise InputError(
+            f"truth: {truth.source} is {distance_m / 1e3:.0f} km from the approximate position in the header of "
+            f"{obs_path}; it belongs to another receiver."
+        )
+
+
+def _epoch_notes(
+    data: ReceiverData, known: NDArray[np.bool_], in_view: NDArray[np.bool_], systems: Sequence[str]
+) -> list[str]:
+    notes = []
+    total = known.size
+    if data.epochs_in_file > total:
+        notes.append(
+            f"{data.epochs_in_file - total} of {data.epochs_in_file} epochs are skipped: they hold no pseudorange."
+        )
+    if not known.all():
+        notes.append(f"{total - known.sum()} of {total} epochs are skipped: they have no true position.")
+    none = int((~in_view.any(axis=1)).sum())
+    if none:
+        notes.append(f"No satellite is in view at {_epochs(none)}.")
+    for letter in systems:
+        count = (in_view & (np.array(data.systems) == letter)).sum(axis=1)
+        name = SYSTEM_NAMES[letter]
+        if (count == 0).any() and (count > 0).any():
+            notes.append(f"{name} has no satellite in view at {_epochs((count == 0).sum())}.")
+        elif (count == 0).all():
+            notes.append(f"{name} has no satellite in view at any epoch.")
+        if (count == 1).any():
+            notes.append(
+                f"{name} has a lone satellite at {_epochs((count == 1).sum())}; there it determines the clock of "
+                "its system and nothing else."
+            )
+    return notes
+
+
+def _satellite_notes(
+    data: ReceiverData, known: NDArray[np.bool_], plausible: NDArray[np.bool_], error_m: NDArray[np.float64]
+) -> list[str]:
+    observed = np.isfinite(data.pseudorange_m[known])
+    low, high = PLAUSIBLE_PSEUDORANGE_M
+    reasons = (
+        ("left out as unhealthy", data.unhealthy[known]),
+        ("left out for want of a usable ephemeris", data.no_ephemeris[known]),
+        (f"left out for a pseudorange outside {low:.3g} to {high:.3g} m", observed & ~plausible),
+        (f"kept in spite of an error of more than {GROSS_ERROR_M:g} m", np.abs(error_m) > GROSS_ERROR_M),
+    )
+    return [f"{_counted(data.names, where.sum(axis=0))}: {what}." for what, where in reasons if where.any()]
+
+
+def _counted(names: Sequence[str], counts: NDArray[np.int64]) -> str:
+    """``G02 (14 epochs), C11 (1 epoch)``, the most frequent first."""
+    order = [k for k in np.argsort(-counts, kind="stable") if counts[k]]
+    shown = [f"{names[k]} ({_epochs(counts[k])})" for k in order[:_NAMED_AT_MOST]]
+    more = len(order) - len(shown)
+    return ", ".join(shown) + (f" and {more} more" if more > 0 else "")
+
+
+def _epochs(count: int | np.integer) -> str:
+    return f"{count} epoch{'' if count == 1 else 's'}"

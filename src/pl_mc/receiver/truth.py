@@ -1,0 +1,207 @@
+"""The true position of the receiver: one point, or a track with times."""
+
+from __future__ import annotations
+
+import gzip
+import zlib
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from pl_mc.geometry.frames import from_geodetic
+from pl_mc.input_errors import InputError
+
+# A receiver is on the ground, at sea or in the air: from below the radius at the poles to well above the equator.
+LOWEST_RADIUS_M, HIGHEST_RADIUS_M = 6_300_000.0, 6_500_000.0
+
+# Track samples further apart than this are a gap, across which nothing is interpolated.
+LONGEST_STEP_S = 2.0
+
+# Times of a 1 Hz track and of receiver epochs agree to rounding error.
+_SAME_TIME_S = 1e-6
+
+SECONDS_PER_WEEK = 604_800.0
+
+_XYZ_COLUMNS = ("time_gps_s", "x_m", "y_m", "z_m")
+
+
+@dataclass(frozen=True)
+class Truth:
+    """Where the receiver truly was.
+
+    Attributes:
+        time_gps_s: (k,), times of a track, increasing [s since 1980-01-06, GPS time]; empty for a fixed point.
+        position_m: (k, 3), Earth-fixed positions of the track, (1, 3) for a fixed point [m].
+        source: what it was read from, for messages.
+    """
+
+    time_gps_s: NDArray[np.float64]
+    position_m: NDArray[np.float64]
+    source: str
+
+    @property
+    def is_track(self) -> bool:
+        """Whether the position has times."""
+        return self.time_gps_s.size > 0
+
+    def at(self, time_gps_s: ArrayLike) -> tuple[NDArray[np.float64], NDArray[np.bool_]]:
+        """Positions (e, 3) [m] at times (e,) [s], and whether each is known (e,); NaN where it is not.
+
+        A track is interpolated linearly between samples at most 2 s apart, and never continued past its ends.
+        """
+        times = np.atleast_1d(np.asarray(time_gps_s, float))
+        if not self.is_track:
+            return np.broadcast_to(self.position_m, (times.size, 3)).copy(), np.ones(times.size, dtype=bool)
+        samples = self.time_gps_s
+        after = np.searchsorted(samples, times - _SAME_TIME_S).clip(0, samples.size - 1)
+        before = (after - 1).clip(0)
+        on_sample = np.abs(samples[after] - times) <= _SAME_TIME_S
+        step_s = samples[after] - samples[before]
+        between = (samples[before] <= times) & (times <= samples[after]) & (step_s > 0)
+        known = on_sample | (between & (step_s <= LONGEST_STEP_S + _SAME_TIME_S))
+        part = np.where(on_sample, 1.0, (times - samples[before]) / np.where(step_s > 0, step_s, 1.0))
+        positions = self.position_m[before] + part[:, None] * (self.position_m[after] - self.position_m[before])
+        return np.where(known[:, None], positions, np.nan), known
+
+
+def read_truth(text: str) -> Truth:
+    """The true position from ``X,Y,Z`` or from a track file.
+
+    Args:
+        text: three Earth-fixed coordinates in metres, separated by commas; or the path of a ``.csv`` or
+            ``.csv.gz`` file with the columns GPS week, seconds of week, latitude [deg], longitude [deg],
+            ellipsoidal height [m], or with a heading ``time_gps_s,x_m,y_m,z_m``. Lines that start with ``#`` are
+            comments.
+
+    Raises:
+        InputError: neither of both, a file that cannot be read (with its line), or a position away from the
+            Earth's surface.
+    """
+    if text.strip().lower().endswith((".csv", ".csv.gz")):
+        return _read_track(Path(text.strip()))
+    parts = text.split(",")
+    numbers = [_number(part) for part in parts]
+    if len(parts) != 3 or any(number is None for number in numbers):
+        raise InputError(
+            f"truth: {text!r} is neither X,Y,Z (three Earth-fixed metres) nor the path of a .csv or .csv.gz track."
+        )
+    position = np.array(numbers, dtype=float)
+    _require_near_surface(position, "truth")
+    return Truth(time_gps_s=np.empty(0), position_m=position[None], source=text)
+
+
+def _read_track(path: Path) -> Truth:
+    lines = _lines(path)
+    rows: list[list[float]] = []
+    times: list[float] = []
+    columns: tuple[str, ...] | None = None
+    for count, line in enumerate(lines, start=1):
+        if not line.strip() or line.lstrip().startswith("#"):
+            continue
+        fields = [field.strip() for field in line.split(",")]
+        if columns is None:
+            columns, is_heading = _columns(path, count, fields)
+            if is_heading:
+                continue
+        if len(fields) != len(columns):
+            raise InputError(f"{path}, line {count}: {len(columns)} columns are needed, not {len(fields)}.")
+        time_s, values = _sample(path, count, fields, columns)
+        if times and time_s <= times[-1]:
+            raise InputError(f"{path}, line {count}: its time does not follow that of the line before.")
+        times.append(time_s)
+        rows.append(values)
+    if not times:
+        raise InputError(f"{path}: the track has no samples.")
+    values_of = np.array(rows)
+    geodetic = columns != _XYZ_COLUMNS
+    position = values_of
+    if geodetic:
+        position = from_geodetic(np.radians(values_of[:, 0]), np.radians(values_of[:, 1]), values_of[:, 2])
+    return Truth(time_gps_s=np.array(times), position_m=position, source=str(path))
+
+
+def _lines(path: Path) -> list[str]:
+    try:
+        content = path.read_bytes()
+        if content.startswith(b"\x1f\x8b"):
+            content = gzip.decompress(content)
+        return content.decode("utf-8-sig").splitlines()
+    except FileNotFoundError:
+        raise InputError(f"{path}: there is no such file.") from None
+    except (EOFError, zlib.error, gzip.BadGzipFile):
+        raise InputError(f"{path}: the gzip file is cut short or damaged.") from None
+    except OSError as error:
+        raise InputError(f"{path}: it cannot be read ({error.strerror}).") from None
+    except UnicodeDecodeError:
+        raise InputError(f"{path}: it is not a text file; a track is a CSV file.") from None
+    except ValueError:
+        raise InputError(f"{str(path)!r}: this cannot be the name of a file.") from None
+
+
+def _columns(path: Path, count: int, fields: Sequence[str]) -> tuple[tuple[str, ...], bool]:
+    """The columns of a track and whether its first line is a heading."""
+    heading = all(_number(field) is None for field in fields)
+    if heading and tuple(fields) == _XYZ_COLUMNS:
+        return _XYZ_COLUMNS, True
+    if len(fields) == 5:
+        return ("week", "seconds of week", "latitude", "longitude", "height"), heading
+    raise InputError(
+        f"{path}, line {count}: a track has the five columns GPS week, seconds of week, latitude, longitude and "
+        f"height, or the heading {','.join(_XYZ_COLUMNS)}."
+    )
+
+
+def _sample(path: Path, count: int, fields: Sequence[str], columns: tuple[str, ...]) -> tuple[float, list[float]]:
+    """Time [s] and the three coordinates of a line."""
+    numbers = []
+    for name, field in zip(columns, fields, strict=True):
+        number = _number(field)
+        if number is None:
+            raise InputError(f"{path}, line {count}: the {name} {field!r} is not a finite number.")
+        numbers.append(number)
+    where = f"{path}, line {count}"
+    if columns == _XYZ_COLUMNS:
+        _require_near_surface(np.array(numbers[1:]), where)
+        return numbers[0], numbers[1:]
+    week, seconds, *geodetic = numbers
+    for name, value, low, high in (
+        ("GPS week", week, 0.0, 9999.0),
+        ("seconds of week", seconds, 0.0, SECONDS_PER_WEEK),
+        ("latitude", geodetic[0], -90.0, 90.0),
+        ("longitude", geodetic[1], -180.0, 360.0),
+        ("height", geodetic[2], -1000.0, 50_000.0),
+    ):
+        if not low <= value <= high:
+            raise InputError(f"{where}: the {name} {value:g} is outside {low:g} to {high:g}.")
+    if week != int(week):
+        raise InputError(f"{where}: the GPS week {week:g} is not a whole number.")
+    return week * SECONDS_PER_WEEK + seconds, geodetic
+
+
+def _require_near_surface(position_m: NDArray[np.float64], where: str) -> None:
+    """Raise `InputError`, with the likely cause, unless the position is on the ground or in the air."""
+    radius_m = float(np.linalg.norm(position_m))
+    if LOWEST_RADIUS_M <= radius_m <= HIGHEST_RADIUS_M:
+        return
+    if LOWEST_RADIUS_M <= 1e3 * radius_m <= HIGHEST_RADIUS_M:
+        cause = "the figures look like kilometres"
+    elif np.abs(position_m[0]) <= 90 and np.abs(position_m[1]) <= 360:
+        cause = "the figures look like latitude, longitude and height"
+    else:
+        cause = "are these Earth-fixed X, Y, Z in metres?"
+    raise InputError(
+        f"{where}: the position is {radius_m / 1e3:.6g} km from the Earth's centre, and a receiver is "
+        f"{LOWEST_RADIUS_M / 1e3:.0f} to {HIGHEST_RADIUS_M / 1e3:.0f} km from it; {cause}."
+    )
+
+
+def _number(text: str) -> float | None:
+    """``text`` as a finite number, None if it is none."""
+    try:
+        value = float(text)
+    except ValueError:
+        return None
+    return value if np.isfinite(value) else None

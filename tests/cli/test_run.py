@@ -1,0 +1,176 @@
+"""The command line as a user meets it: what a run leaves behind, and what bad input gets."""
+
+from __future__ import annotations
+
+import json
+import os
+import subprocess
+import sys
+from pathlib import Path
+
+import pandas as pd
+import pytest
+
+from pl_mc.cli.main import main
+from pl_mc.experiments import registry
+
+SMALL = """
+kind = "sweep"
+title = "A small ramp"
+draws = 300
+seed = 5
+[geometry]
+epochs = 4
+epoch = 2
+[faults]
+satellite = "G02"
+otherwise = "median_redundancy"
+start_m = 10
+stop_m = 40
+step_m = 15
+"""
+
+
+@pytest.fixture
+def folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
+    """An empty working folder with a small experiment file."""
+    monkeypatch.chdir(tmp_path)
+    (tmp_path / "small.toml").write_text(SMALL)
+    return tmp_path
+
+
+def refused(capsys: pytest.CaptureFixture[str], *arguments: str) -> str:
+    """The sentence on standard error of a command that must end with exit code 2 and nothing on standard output."""
+    with pytest.raises(SystemExit) as stop:
+        main(arguments)
+    assert stop.value.code == 2
+    out, err = capsys.readouterr()
+    assert out == ""
+    assert err.startswith("pl-mc: ")
+    assert "Traceback" not in err
+    return err
+
+
+def test_a_run_leaves_tables_figures_summary_and_manifest(folder: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    main(["run", "small.toml"])
+    results = folder / "runs" / "small"
+    files = {path.name for path in results.iterdir()}
+    assert files == {
+        "exact.csv", "levels.csv", "manifest.json", "rates.csv", "rates.png", "rates.svg", "summary.md",
+    }  # fmt: skip
+    rates = pd.read_csv(results / "rates.csv")
+    assert list(rates.method.unique()) == ["ls", "igg3"]
+    assert list(rates.bias_m.unique()) == [10.0, 25.0, 40.0]
+    assert (rates.draws == 300).all()
+    assert "A small ramp" in capsys.readouterr().out
+    # Nothing but the results remains beside them.
+    assert [path.name for path in (folder / "runs").iterdir()] == ["small"]
+
+
+def test_the_manifest_redoes_the_run_to_the_byte(folder: Path) -> None:
+    main(["run", "small.toml", "--out", "first", "--draws", "150", "--seed", "9"])
+    manifest = json.loads((folder / "first" / "manifest.json").read_text())
+    assert manifest["experiment"]["draws"] == 150
+    assert manifest["experiment"]["seed"] == 9
+    assert {"pl_mc", "jax", "jaxlib", "numpy"} <= set(manifest["versions"])
+    main(["run", "first/manifest.json", "--out", "second"])
+    for name in ("rates.csv", "exact.csv", "levels.csv", "rates.svg", "summary.md"):
+        assert (folder / "first" / name).read_bytes() == (folder / "second" / name).read_bytes(), name
+
+
+def test_an_earlier_result_is_replaced(folder: Path) -> None:
+    main(["run", "small.toml", "--out", "here", "--draws", "10"])
+    main(["run", "small.toml", "--out", "here", "--draws", "20"])
+    assert (pd.read_csv(folder / "here" / "rates.csv").draws == 20).all()
+    assert not [path for path in folder.iterdir() if path.name.startswith(".here")]
+
+
+def test_the_packaged_experiments_are_listed_and_sound(capsys: pytest.CaptureFixture[str]) -> None:
+    main(["list"])
+    lines = capsys.readouterr().out.splitlines()
+    assert any(line.split()[0] == "ramp" for line in lines)
+    # Listing builds every record, so each file is valid.
+    shipped = Path(__file__).parents[2] / "experiments"
+    assert len(lines) == len(list(shipped.glob("*.toml")))
+
+
+@pytest.mark.parametrize(
+    ("change", "words"),
+    [
+        (("draws = 300", "drows = 300"), ("drows", "nearest: draws", "draws: field required")),
+        (("draws = 300", "draws = 0"), ("draws", "greater than or equal to 1")),
+        (("epochs = 4", "epoch_s = 4"), ("geometry.epoch_s", "nearest: epoch")),
+        (("epoch = 2", "mask_deg = 95"), ("geometry.mask_deg", "95")),
+        (("epoch = 2", "epoch = 7"), ("epoch index 7", "0 to 3")),
+        (("epoch = 2", 'constellations = ["GPSS"]'), ("GPSS", "nearest: GPS")),
+        (("epoch = 2", 'error_model = "residuals"'), ("residuals", "nearest: residual")),
+        (("epoch = 2", 'site = "CUTO"'), ("CUTO", "CUT0")),
+        (('otherwise = "median_redundancy"', ""), ("G02", "nearest: ")),
+        (("step_m = 15", "step_m = -15"), ("ramp", "step")),
+        (("seed = 5", 'alert = "LPV200"'), ("LPV200", "nearest: LPV-200")),
+        (("seed = 5", 'methods = [{name = "ig3"}]'), ("ig3", "nearest: igg3")),
+        (("seed = 5", 'methods = [{name = "igg3", k_1 = 4}]'), ("k_1", "nearest: k1")),
+        (("seed = 5", 'methods = [{name = "igg3", k1 = 1.0}]'), ("k0 < k1",)),
+        (('kind = "sweep"', 'kind = "sweap"'), ("sweap", "nearest: sweep")),
+        (('title = "A small ramp"', "title = "), ("not TOML", "line 3")),
+    ],
+)  # fmt: skip
+def test_a_wrong_experiment_is_refused_in_words(
+    folder: Path, capsys: pytest.CaptureFixture[str], change: tuple[str, str], words: tuple[str, ...]
+) -> None:
+    assert change[0] in SMALL
+    (folder / "small.toml").write_text(SMALL.replace(*change))
+    sentence = refused(capsys, "run", "small.toml")
+    for word in words:
+        assert word in sentence
+    assert not (folder / "runs" / "small").exists()
+
+
+def test_an_unknown_experiment_names_the_nearest(folder: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    assert "nearest: ramp" in refused(capsys, "run", "rampe")
+    assert "no such file" in refused(capsys, "run", "missing.toml")
+    assert "no manifest" in _refused_json(folder, capsys)
+
+
+def _refused_json(folder: Path, capsys: pytest.CaptureFixture[str]) -> str:
+    (folder / "other.json").write_text("[1, 2]")
+    return refused(capsys, "run", "other.json")
+
+
+def test_an_unknown_option_is_refused(folder: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    assert "--draws" in refused(capsys, "run", "small.toml", "--drows", "3")
+    assert "abc" in refused(capsys, "run", "small.toml", "--draws", "abc")
+    assert "run" in refused(capsys, "rum")
+
+
+def test_a_place_that_cannot_hold_results_is_refused(folder: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    (folder / "file").write_text("text")
+    assert "a file of that name" in refused(capsys, "run", "small.toml", "--out", "file")
+    assert "cannot be written" in refused(capsys, "run", "small.toml", "--out", "file/inside")
+    (folder / "mine").mkdir()
+    (folder / "mine" / "thesis.tex").write_text("text")
+    assert "something other" in refused(capsys, "run", "small.toml", "--out", "mine")
+    assert (folder / "mine" / "thesis.tex").read_text() == "text"
+
+
+def test_an_interrupted_run_leaves_nothing(
+    folder: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def half_way(experiment: object, working: Path, *, progress: bool | None) -> None:
+        (working / "rates.csv").write_text("half")
+        raise KeyboardInterrupt
+
+    monkeypatch.setitem(registry.KINDS, "sweep", registry.Kind(registry.KINDS["sweep"].model, half_way))
+    with pytest.raises(SystemExit) as stop:
+        main(["run", "small.toml"])
+    assert stop.value.code == 130
+    assert "nothing was written" in capsys.readouterr().err
+    assert list((folder / "runs").iterdir()) == []
+
+
+def test_the_installed_command_sets_its_exit_code(folder: Path) -> None:
+    command = [sys.executable, "-m", "pl_mc.cli.main", "run", "nosuch"]
+    done = subprocess.run(command, capture_output=True, text=True, env=os.environ, check=False, timeout=120)
+    assert done.returncode == 2
+    assert done.stdout == ""
+    assert done.stderr.count("\n") == 1

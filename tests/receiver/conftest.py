@@ -1,0 +1,20 @@
+"""Shared inputs of the receiver tests: a made-up pair of files."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import pytest
+from receiver_files import Sky, navigation_text, observation_text, simulate, write_pair
+
+
+@pytest.fixture(scope="session")
+def made_sky() -> Sky:
+    """Three epochs with 30 m added to G05 and 20 m taken from C22."""
+    return simulate(bias_m={"G05": 30.0, "C22": -20.0})
+
+
+@pytest.fixture(scope="session")
+def made_files(made_sky: Sky, tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, Path]:
+    """Observation and navigation file of `made_sky`."""
+    return write_pair(tmp_path_factory.mktemp("made"), observation_text(made_sky), navigation_text(made_sky.orbits))
