@@ -6,7 +6,19 @@ The names below are the public interface. They are found on first use, so that i
 from __future__ import annotations
 
 import importlib
-from typing import Any
+from typing import TYPE_CHECKING, Any
+
+if TYPE_CHECKING:
+    from pl_mc import kernels, methods
+    from pl_mc.alert import APV_I, APV_II, LPV_200, AlertLimits
+    from pl_mc.engine import sample, solve, sweep
+    from pl_mc.error_models import error_model
+    from pl_mc.faults import Faults, biases, no_fault, ramp, ramps
+    from pl_mc.geometry import Geometry, simulate
+    from pl_mc.input_errors import InputError
+    from pl_mc.methods import Igg3 as igg3
+    from pl_mc.methods import Ls as ls
+    from pl_mc.statistics import exact
 
 __version__ = "0.1.0"
 
@@ -35,7 +47,30 @@ _PUBLIC = {
     "sweep": ("pl_mc.engine", "sweep"),
 }
 
-__all__ = [*sorted(_PUBLIC), "__version__"]
+__all__ = [
+    "APV_I",
+    "APV_II",
+    "LPV_200",
+    "AlertLimits",
+    "Faults",
+    "Geometry",
+    "InputError",
+    "__version__",
+    "biases",
+    "error_model",
+    "exact",
+    "igg3",
+    "kernels",
+    "ls",
+    "methods",
+    "no_fault",
+    "ramp",
+    "ramps",
+    "sample",
+    "simulate",
+    "solve",
+    "sweep",
+]
 
 
 def __getattr__(name: str) -> Any:

@@ -99,19 +99,18 @@ def _prepare(one: EpochBatch, methods: tuple[Method, ...]) -> tuple[LinearModel,
     return model, [method.prepare(model) for method in methods]
 
 
-def _each_fault(
+def each_fault(
     model: LinearModel,
-    prepared: list,
-    methods: tuple[Method, ...],
     one: EpochBatch,
     noise: Array,
-    reduce: Callable[[list[Outcome]], Result],
+    reduce: Callable[[Start, Array], Result],
     *,
     skipped: Result | None = None,
 ) -> Result:
-    """``reduce`` of the methods' outcomes for each bias vector of one epoch, added to the same noise (n, lanes).
+    """``reduce`` of the least-squares start and the bias vector (n,) [m], for each fault of one epoch.
 
-    Where a fault does not apply the result is ``skipped``, at no cost, unless that is None.
+    Every fault is added to the same noise (n, lanes). Where a fault does not apply the result is ``skipped``, at no
+    cost, unless that is None.
     """
     noise = noise * model.in_view[:, None]
     noise_state = product(model.gain, noise)
@@ -123,8 +122,8 @@ def _each_fault(
     bias_residuals = bias - product(bias_state, model.design.T)
     cross = product(bias_residuals, noise_residuals)
 
-    def one_fault(parts: tuple[Array, Array, Array, Array]) -> Result:
-        applies, state, residuals, cross_sum = parts
+    def one_fault(parts: tuple[Array, Array, Array, Array, Array]) -> Result:
+        applies, bias_m, state, residuals, cross_sum = parts
 
         def solve() -> Result:
             square_sum = noise_square_sum + 2.0 * cross_sum + jnp.sum(residuals * residuals)
@@ -134,8 +133,26 @@ def _each_fault(
                 # A square sum, but for the rounding of its three parts.
                 square_sum=jnp.maximum(square_sum, 0.0),
             )
-            return reduce([m.solve(model, p, start) for m, p in zip(methods, prepared, strict=True)])
+            return reduce(start, bias_m)
 
         return solve() if skipped is None else jax.lax.cond(applies, solve, lambda: skipped)
 
-    return jax.lax.map(one_fault, (one.applies, bias_state, bias_residuals, cross))
+    return jax.lax.map(one_fault, (one.applies, one.bias_m, bias_state, bias_residuals, cross))
+
+
+def _each_fault(
+    model: LinearModel,
+    prepared: list,
+    methods: tuple[Method, ...],
+    one: EpochBatch,
+    noise: Array,
+    reduce: Callable[[list[Outcome]], Result],
+    *,
+    skipped: Result | None = None,
+) -> Result:
+    """``reduce`` of the methods' outcomes for each fault; the rest as for `each_fault`."""
+
+    def solve(start: Start, _: Array) -> Result:
+        return reduce([m.solve(model, p, start) for m, p in zip(methods, prepared, strict=True)])
+
+    return each_fault(model, one, noise, solve, skipped=skipped)

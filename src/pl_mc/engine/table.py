@@ -10,9 +10,11 @@ from numpy.typing import NDArray
 
 from pl_mc.engine.events import EVENTS
 from pl_mc.engine.plan import Plan
-from pl_mc.statistics.intervals import clopper_pearson
+from pl_mc.statistics.intervals import clopper_pearson, shared_noise_bounds
 
 CONFIDENCE = 0.95
+
+_COUNTS = ["draws", *(event.count for event in EVENTS)]
 
 
 def rate_table(plan: Plan, counts: NDArray[np.int64], methods: Sequence[str], draws: int) -> pd.DataFrame:
@@ -52,14 +54,21 @@ def rate_table(plan: Plan, counts: NDArray[np.int64], methods: Sequence[str], dr
 
 
 def with_rates(counts: pd.DataFrame) -> pd.DataFrame:
-    """The table of counts with ``<event>_rate, <event>_low, <event>_high`` for every event."""
+    """The table of counts with ``<event>_rate, <event>_low, <event>_high`` for every event.
+
+    Where the table has a column ``independent_draws``, its counts are sums over faults that saw the same noise, and
+    the bounds are those of `shared_noise_bounds`; else each draw stands for itself.
+    """
     draws = counts["draws"].to_numpy()
     columns: dict[str, NDArray] = {}
     for event in EVENTS:
         seen = counts[event.count].to_numpy()
-        # The same counts come again and again; their bounds are worth computing once.
-        pairs, place = np.unique(np.stack([seen, draws], axis=1), axis=0, return_inverse=True)
-        low, high = (bound[place] for bound in clopper_pearson(pairs[:, 0], pairs[:, 1], CONFIDENCE))
+        if "independent_draws" in counts:
+            low, high = shared_noise_bounds(seen / draws, counts["independent_draws"], CONFIDENCE)
+        else:
+            # The same counts come again and again; their bounds are worth computing once.
+            pairs, place = np.unique(np.stack([seen, draws], axis=1), axis=0, return_inverse=True)
+            low, high = (bound[place] for bound in clopper_pearson(pairs[:, 0], pairs[:, 1], CONFIDENCE))
         columns |= {f"{event.name}_rate": seen / draws, f"{event.name}_low": low, f"{event.name}_high": high}
     return pd.concat([counts, pd.DataFrame(columns, index=counts.index)], axis=1)
 
@@ -67,8 +76,20 @@ def with_rates(counts: pd.DataFrame) -> pd.DataFrame:
 def sum_over_epochs(table: pd.DataFrame) -> pd.DataFrame:
     """One row per method and fault: counts and draws summed over epochs, rates and bounds of the sums.
 
-    The bounds treat draws of all epochs as one sample of a mixture of epochs.
+    Epochs have noise of their own, so all draws of a fault are independent; the bounds are those of the mean rate
+    over its epochs.
     """
-    keys = ["method", "fault", "bias_m"]
-    counts = table.groupby(keys, sort=False, dropna=False)[["draws", *(event.count for event in EVENTS)]].sum()
+    counts = table.groupby(["method", "fault", "bias_m"], sort=False, dropna=False)[_COUNTS].sum()
+    return with_rates(counts.reset_index())
+
+
+def sum_over_faults(table: pd.DataFrame, keys: Sequence[str]) -> pd.DataFrame:
+    """One row per value of ``keys`` (with ``method`` among them): counts summed over all else.
+
+    Faults of one epoch share their noise: ``independent_draws`` counts the draws of each epoch once.
+    """
+    groups = table.groupby(list(keys), sort=False, dropna=False)
+    counts = groups[_COUNTS].sum()
+    epochs = table.drop_duplicates([*keys, "epoch"]).groupby(list(keys), sort=False, dropna=False)
+    counts.insert(1, "independent_draws", epochs["draws"].sum())
     return with_rates(counts.reset_index())

@@ -7,6 +7,7 @@ from types import MappingProxyType
 from typing import Any
 
 from pl_mc.error_models.base import ErrorModel
+from pl_mc.error_models.constant import constant
 from pl_mc.error_models.equation3 import none, residual, user
 from pl_mc.error_models.uire import uire
 from pl_mc.input_errors import InputError, require_choice
@@ -14,7 +15,7 @@ from pl_mc.input_errors import InputError, require_choice
 DEFAULT_ERROR_MODEL = "residual"
 
 ERROR_MODELS: Mapping[str, Callable[..., ErrorModel]] = MappingProxyType(
-    {"residual": residual, "none": none, "uire": uire, "user": user}
+    {"residual": residual, "none": none, "uire": uire, "user": user, "constant": constant}
 )
 
 
@@ -23,8 +24,10 @@ def error_model(name: str = DEFAULT_ERROR_MODEL, **options: Any) -> ErrorModel:
 
     Args:
         name: one of `ERROR_MODELS`: ``residual`` (0.5 m of vertical ionosphere, DO-229 troposphere), ``none`` (the
-            sigma0 term of equation 3 alone), ``uire`` (the bound of DO-229), ``user`` (figures of the caller).
-        options: options of the model; ``user`` alone has any, see `pl_mc.error_models.equation3.user`.
+            sigma0 term of equation 3 alone), ``uire`` (the bound of DO-229), ``user`` (figures of the caller),
+            ``constant`` (one variance for each class of orbit, whatever the elevation).
+        options: options of the model; ``user`` and ``constant`` have some, see `pl_mc.error_models.equation3.user`
+            and `pl_mc.error_models.constant.constant`.
 
     Raises:
         InputError: an unknown name or option, with the nearest valid ones, or a figure out of range.

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable
 from dataclasses import dataclass
 
-from pl_mc.experiments import observe_run, sweep_run
+from pl_mc.experiments import map_run, observe_run, readings_run, satellite_ramp_run, series_run, sweep_run
 from pl_mc.experiments.common import Experiment
 
 
@@ -23,6 +23,10 @@ class Kind:
 
 
 KINDS: dict[str, Kind] = {
+    "map": Kind(map_run.MapExperiment, map_run.run),
+    "readings": Kind(readings_run.ReadingsExperiment, readings_run.run),
+    "satellite-ramps": Kind(satellite_ramp_run.SatelliteRampExperiment, satellite_ramp_run.run),
     "sweep": Kind(sweep_run.SweepExperiment, sweep_run.run),
     "observe": Kind(observe_run.ObserveExperiment, observe_run.run),
+    "series": Kind(series_run.SeriesExperiment, series_run.run),
 }

@@ -114,7 +114,7 @@ def run(experiment: SweepExperiment, folder: Path, *, progress: bool | None) -> 
             )
         )  # fmt: skip
         write_table(levels, folder, "levels")
-        curve = ls_rates(g, _finer(faults, g), alert=alert)
+        curve = ls_rates(g, finer_ramp(faults, g), alert=alert)
         figure = ramp_figure(total, levels, curve, alert=alert, title=experiment.title)
     else:
         figure = rates_by_fault_figure(total, alert=alert, title=experiment.title)
@@ -150,7 +150,7 @@ def median_redundancy_satellite(g: Geometry, *, system: str) -> str:
     return g.names[ordered[(len(ordered) - 1) // 2]]
 
 
-def _finer(faults: Faults, g: Geometry, steps: int = 100) -> Faults:
+def finer_ramp(faults: Faults, g: Geometry, steps: int = 100) -> Faults:
     """Faults between the first and the last of a ramp, for a smooth curve."""
     part = np.linspace(0.0, 1.0, steps + 1)[:, None]
     return Faults.from_array(g, (1 - part) * faults.bias_m[0] + part * faults.bias_m[-1])

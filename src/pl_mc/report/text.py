@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Iterable, Sequence
 
 
@@ -17,24 +18,21 @@ def rate_text(count: int, total: int, low: float, high: float) -> str:
 
 
 def percent(rate: float) -> str:
-    """A rate in per cent with three significant digits."""
+    """A rate in per cent: three significant digits, of the complement where that is small."""
     value = 100.0 * rate
-    if value == 0 or value >= 0.001:
-        return f"{value:.3g}" if value < 99.95 else f"{value:.5g}"
-    return f"{value:.2e}"
+    if 0 < value < 0.001:
+        return f"{value:.2e}"
+    if 99.5 < value < 100.0:
+        # As many decimals as show two digits of what is missing to 100.
+        return f"{value:.{1 - math.floor(math.log10(100.0 - value))}f}"
+    return f"{value:.3g}"
 
 
 def metres(value: float) -> str:
-    """A length to the millimetre below 10 m, to the decimetre from 100 m on."""
-    return (
-        "-"
-        if value != value
-        else f"{value:.3f}"
-        if abs(value) < 10
-        else f"{value:.2f}"
-        if abs(value) < 100
-        else f"{value:.1f}"
-    )
+    """A length with four significant digits below 100 m, to the decimetre beyond; a dash where there is none."""
+    if math.isnan(value):
+        return "-"
+    return f"{value:.3f}" if abs(value) < 10 else f"{value:.2f}" if abs(value) < 100 else f"{value:.1f}"
 
 
 def markdown_table(header: Sequence[str], rows: Iterable[Sequence[object]]) -> str:

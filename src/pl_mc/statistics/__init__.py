@@ -1,7 +1,7 @@
 """Exact probabilities and the statistics of counts, against which Monte Carlo results are held."""
 
 from pl_mc.statistics.exact import ls_rates
-from pl_mc.statistics.intervals import binomial_p_value, clopper_pearson
+from pl_mc.statistics.intervals import binomial_p_value, clopper_pearson, shared_noise_bounds
 from pl_mc.statistics.least_squares import FaultEffects, LsQuantities, fault_effects, ls_quantities
 from pl_mc.statistics.noncentral import joint_exceedance, split_at_threshold
 from pl_mc.statistics.student import chi2_threshold, fault_free_exceeded, student_factor
@@ -17,6 +17,7 @@ __all__ = [
     "joint_exceedance",
     "ls_quantities",
     "ls_rates",
+    "shared_noise_bounds",
     "split_at_threshold",
     "student_factor",
 ]

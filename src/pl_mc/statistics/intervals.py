@@ -34,13 +34,43 @@ def clopper_pearson(
         InputError: counts that are negative, not whole or more than the draws; a confidence outside (0, 1).
     """
     count, total = _require_counts(events, draws)
+    return _beta_bounds(count, total, confidence)
+
+
+def shared_noise_bounds(
+    rate: ArrayLike, independent_draws: ArrayLike, confidence: float = 0.95
+) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    """Bounds of a rate that is averaged over several faults of the same noise draws.
+
+    Events of different faults under one noise draw are not independent, so their number is no binomial count. Their
+    mean under one draw lies between 0 and 1, and of all such variables the one that is 0 or 1 has the largest
+    variance; hence the bounds of ``rate * independent_draws`` events in ``independent_draws`` draws, after
+    Clopper and Pearson, are wide enough (as Korn & Graubard 1998, Survey Methodology 24:193-201, use an effective
+    sample size).
+
+    Args:
+        rate: (...), mean rate over faults and draws.
+        independent_draws: (...), number of independent noise draws behind it.
+        confidence: as for `clopper_pearson`.
+    """
+    mean, total = np.broadcast_arrays(np.asarray(rate, dtype=float), np.asarray(independent_draws, dtype=float))
+    if not ((mean >= 0.0) & (mean <= 1.0)).all():
+        raise InputError("rate: a rate lies between 0 and 1.")
+    _require_counts(0, total)
+    return _beta_bounds(mean * total, total, confidence)
+
+
+def _beta_bounds(
+    count: NDArray[np.float64], total: NDArray[np.float64], confidence: float
+) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    """The bounds of `clopper_pearson`; ``count`` need not be whole."""
     if not 0.0 < confidence < 1.0:
         raise InputError(f"confidence: it lies between 0 and 1, both excluded, not {confidence!r}.")
     half = (1.0 - confidence) / 2.0
     other = total - count
     # The beta function has no zero parameter: those counts get their closed forms below.
-    low = special.betaincinv(np.maximum(count, 1.0), other + 1.0, half)
-    high = special.betainccinv(count + 1.0, np.maximum(other, 1.0), half)
+    low = special.betaincinv(np.where(count > 0, count, 1.0), other + 1.0, half)
+    high = special.betainccinv(count + 1.0, np.where(other > 0, other, 1.0), half)
     some = np.maximum(total, 1.0)
     low = np.where(other == 0, np.exp(np.log(half) / some), low)
     high = np.where(count == 0, -np.expm1(np.log(half) / some), high)

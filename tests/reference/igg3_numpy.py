@@ -1,0 +1,164 @@
+"""Least squares and IGG-III for one scenario, slowly and readably, from the formulas of the paper alone.
+
+Zhao, Yang, Xu, Jing & Ma (2021), Geomatics and Information Science of Wuhan University 46(1):96-102. Nothing is
+shared with the kernels: weight matrices are written out, solutions come from `numpy.linalg`, and what is out of
+view is deleted before anything is computed.
+
+Conventions that the paper leaves open:
+
+* the scale of a standardised residual, its cofactor and the divisor of the unit-weight error are the arguments
+  ``scale``, ``cofactor`` and ``redundancy``;
+* a satellite whose redundancy number is below 1e-10 keeps its weight;
+* a solution is undetermined with fewer than t + 1 satellites of positive weight, or if a Cholesky pivot is below
+  1e-10 of the same pivot of the fault-free normal matrix; a scenario is, if one of its solutions is.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+
+import numpy as np
+
+K_V, K_H = 5.33, 6.18
+ITERATIONS, K0, K1 = 10, 1.5, 5.0
+
+
+@dataclass
+class Solution:
+    """What the paper computes of one scenario; without ``available`` nothing else means anything."""
+
+    available: bool
+    x: np.ndarray | None = None  # (t,), east, north, up and the clocks in view [m]
+    v: np.ndarray | None = None  # (n,), residuals of the satellites in view [m], eq 5
+    w: np.ndarray | None = None  # (n,), weight factors of the satellites in view
+    m: float = np.inf  # unit-weight error, eqs 16 and 17
+    q: np.ndarray | None = None  # (3,), diagonal of the cofactor matrix for east, north, up [m^2]
+
+    @property
+    def vpl_m(self) -> float:
+        """Eqs 15 and 19."""
+        return K_V * self.m * np.sqrt(self.q[2]) if self.available else np.inf
+
+    @property
+    def hpl_m(self) -> float:
+        """Eqs 14 and 18."""
+        return K_H * self.m * np.sqrt(self.q[0] + self.q[1]) if self.available else np.inf
+
+
+def delete_what_is_out_of_view(design, sigma_m, observed_m, in_view=None):
+    """Rows out of view go, and with them the clocks that no row in view observes."""
+    design, sigma_m, observed_m = (np.asarray(a, dtype=float) for a in (design, sigma_m, observed_m))
+    if in_view is not None:
+        rows = np.asarray(in_view, dtype=bool)
+        design, sigma_m, observed_m = design[rows], sigma_m[rows], observed_m[rows]
+    used = [j < 3 or np.any(design[:, j] != 0) for j in range(design.shape[1])]
+    return design[:, used], sigma_m, observed_m
+
+
+def least_squares(design, sigma_m, observed_m, in_view=None) -> Solution:
+    """Eqs 4, 5 and 16."""
+    a, sigma, observed = delete_what_is_out_of_view(design, sigma_m, observed_m, in_view)
+    n, t = a.shape
+    p = np.diag(1.0 / sigma**2)
+    if n < t + 1 or np.linalg.matrix_rank(a / sigma[:, None]) < t:
+        return Solution(available=False)
+    normal = a.T @ p @ a
+    x = np.linalg.solve(normal, a.T @ p @ observed)
+    v = a @ x - observed
+    return Solution(
+        available=True,
+        x=x,
+        v=v,
+        w=np.ones(n),
+        m=np.sqrt(v @ p @ v / (n - t)),
+        q=np.diag(np.linalg.inv(normal))[:3],
+    )
+
+
+def igg3_weight(u: float, k0: float = K0, k1: float = K1) -> float:
+    """Eq 7."""
+    u = abs(u)
+    if u <= k0:
+        return 1.0
+    if u <= k1:
+        return k0 / u * ((k1 - u) / (k1 - k0)) ** 2
+    return 0.0
+
+
+def igg3(
+    design,
+    sigma_m,
+    observed_m,
+    in_view=None,
+    *,
+    weight: Callable[[float], float] = igg3_weight,
+    iterations: int = ITERATIONS,
+    scale: str = "posterior_floored",
+    cofactor: str = "fault_free",
+    redundancy: str = "all",
+) -> Solution:
+    """Eqs 6, 7 and 17: least squares, then ``iterations`` times weights from the residuals and a new solution."""
+    a, sigma, observed = delete_what_is_out_of_view(design, sigma_m, observed_m, in_view)
+    now = least_squares(a, sigma, observed)
+    if not now.available:
+        return now
+    n, t = a.shape
+    p = np.diag(1.0 / sigma**2)
+    fault_free_normal = a.T @ p @ a
+    fault_free_pivots = np.diag(np.linalg.cholesky(fault_free_normal)) ** 2
+    # Redundancy numbers: variance of a residual over the variance of its observation.
+    fault_free_r = np.diag(np.eye(n) - a @ np.linalg.inv(fault_free_normal) @ a.T @ p)
+    checked = fault_free_r >= 1e-10
+
+    for _ in range(iterations):
+        if cofactor == "none":
+            sigma_v, standardised = sigma, np.ones(n, dtype=bool)
+        else:
+            r = fault_free_r.copy()
+            if cofactor == "reweighted":
+                p_bar = p @ np.diag(now.w)
+                reweighted = np.diag(np.eye(n) - a @ np.linalg.inv(a.T @ p_bar @ a) @ a.T @ p)
+                positive = reweighted > 1e-10
+                r[positive] = reweighted[positive]
+            sigma_v, standardised = sigma * np.sqrt(np.where(checked, r, 1.0)), checked
+        u = np.where(standardised, np.abs(now.v) / sigma_v, 0.0)
+        u = u / the_scale(scale, now, p, n - t, u[standardised])
+        w = np.array([weight(value) for value in u])
+
+        p_bar = p @ np.diag(w)
+        normal = a.T @ p_bar @ a
+        if np.sum(w > 0) < t + 1 or not pivots_suffice(normal, fault_free_pivots):
+            return Solution(available=False)
+        x = np.linalg.solve(normal, a.T @ p_bar @ observed)
+        now = Solution(available=True, x=x, v=a @ x - observed, w=w)
+
+    freedom = {"all": n, "kept": np.sum(now.w > 0), "weights": np.sum(now.w)}[redundancy] - t
+    if freedom <= 0:
+        return Solution(available=False)
+    p_bar = p @ np.diag(now.w)
+    now.m = np.sqrt(now.v @ p_bar @ now.v / freedom)
+    now.q = np.diag(np.linalg.inv(a.T @ p_bar @ a))[:3]
+    return now
+
+
+def the_scale(scale: str, now: Solution, p: np.ndarray, freedom: int, u: np.ndarray) -> float:
+    """What a residual's standard deviation is multiplied by; ``u`` are the residuals in units of it."""
+    if scale == "apriori":
+        return 1.0
+    if scale in ("posterior", "posterior_floored"):
+        value = np.sqrt(now.v @ p @ np.diag(now.w) @ now.v / freedom)
+    else:
+        value = 1.482602218505602 * np.median(u)
+    if scale in ("posterior_floored", "mad_floored"):
+        value = max(1.0, value)
+    return value if value > 0 else 1.0
+
+
+def pivots_suffice(normal: np.ndarray, fault_free_pivots: np.ndarray) -> bool:
+    """Whether every Cholesky pivot reaches 1e-10 of the fault-free one."""
+    try:
+        pivots = np.diag(np.linalg.cholesky(normal)) ** 2
+    except np.linalg.LinAlgError:
+        return False
+    return bool(np.all(pivots >= 1e-10 * fault_free_pivots))
