@@ -14,7 +14,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from pl_mc.geometry.record import Geometry
-from pl_mc.input_errors import InputError, nearest
+from pl_mc.input_errors import InputError, nearest, plain_number, require_number
 
 NO_FAULT = "none"
 
@@ -36,7 +36,10 @@ class Faults:
     @classmethod
     def from_array(cls, g: Geometry, bias_m: ArrayLike) -> Faults:
         """Faults from rows of biases (f, m) [m] over ``g.names``."""
-        bias = np.atleast_2d(np.asarray(bias_m, dtype=float))
+        try:
+            bias = np.atleast_2d(np.array(bias_m, dtype=float))
+        except (TypeError, ValueError) as error:
+            raise InputError(f"bias_m: it cannot be read as an array of numbers ({error}).") from None
         if bias.ndim != 2 or bias.shape[1] != len(g.names):
             raise InputError(f"bias_m: rows of {len(g.names)} biases are needed, not shape {bias.shape}.")
         if bias.shape[0] == 0:
@@ -79,7 +82,10 @@ class Faults:
 
 def fault_label(bias_by_name: Mapping[str, float]) -> str:
     """``G02:+30m,C11:-20m``; ``none`` where every bias is zero."""
-    parts = [f"{name}:{bias:+g}m" for name, bias in bias_by_name.items() if bias != 0]
+    # To the nanometre, so that 0.1 + 0.2 reads as it was meant.
+    parts = [
+        f"{name}:{plain_number(round(float(bias), 9), sign=True)}m" for name, bias in bias_by_name.items() if bias
+    ]
     return ",".join(parts) or NO_FAULT
 
 
@@ -97,7 +103,7 @@ def biases(g: Geometry, bias_m: Mapping[str, float]) -> Faults:
     """
     row = np.zeros(len(g.names))
     for name, value in bias_m.items():
-        row[require_satellite(g, name)] = value
+        row[require_satellite(g, name)] = require_number(value, field=f"bias of {name}")
     faults = Faults.from_array(g, row[None])
     # The label keeps the order in which the user named the satellites.
     return Faults(faults.bias_m, faults.names, (fault_label(bias_m),))
@@ -125,13 +131,16 @@ def ramps(g: Geometry, *, satellites: Sequence[str], start_m: float, stop_m: flo
 
 def ramp_sizes_m(start_m: float, stop_m: float, step_m: float) -> NDArray[np.float64]:
     """start, start + step, ... up to stop [m]; a step of a rounding error past stop still counts."""
-    if not all(map(np.isfinite, (start_m, stop_m, step_m))) or step_m == 0 or (stop_m - start_m) / step_m < 0:
+    for field, value in (("start_m", start_m), ("stop_m", stop_m), ("step_m", step_m)):
+        require_number(value, field=f"ramp: {field}")
+    if step_m == 0 or (stop_m - start_m) / step_m < 0:
         raise InputError(
-            f"ramp: from {start_m} m to {stop_m} m in steps of {step_m} m: finite numbers are needed, and a step "
-            "that leads from the start to the stop."
+            f"ramp: from {start_m} m to {stop_m} m in steps of {step_m} m: the step has to lead from the start to "
+            "the stop."
         )
     steps = int(np.floor((stop_m - start_m) / step_m + 1e-9))
-    return start_m + step_m * np.arange(steps + 1, dtype=np.float64)
+    # To the nanometre: what 0.1 + 2 x 0.1 adds beyond is no part of a ramp.
+    return np.round(start_m + step_m * np.arange(steps + 1, dtype=np.float64), 9)
 
 
 def require_satellite(g: Geometry, name: str) -> int:

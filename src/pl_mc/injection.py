@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from pl_mc.faults import require_satellite
 from pl_mc.geometry.record import Geometry
-from pl_mc.input_errors import InputError
+from pl_mc.input_errors import InputError, plain_number
 
 _FORM = re.compile(r"(?P<satellite>[^:]+):(?P<bias>[^:]+?)m?(?::(?P<first>\d+)-(?P<last>\d+))?")
 
@@ -33,7 +33,7 @@ class Injection:
 
     def __str__(self) -> str:
         window = "" if self.first_epoch is None else f":{self.first_epoch}-{self.last_epoch}"
-        return f"{self.satellite}:{self.bias_m:+g}m{window}"
+        return f"{self.satellite}:{plain_number(self.bias_m, sign=True)}m{window}"
 
 
 def parse_injection(text: str) -> Injection:

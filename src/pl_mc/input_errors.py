@@ -7,7 +7,11 @@ nearest valid value. The command line prints the sentence and exits with code 2;
 from __future__ import annotations
 
 import difflib
+import math
+import numbers
 from collections.abc import Iterable
+
+import numpy as np
 
 
 class InputError(ValueError):
@@ -36,3 +40,32 @@ def require_choice(word: str, valid: Iterable[str], *, field: str) -> str:
     if word not in choices:
         raise InputError(f"{field}: {word!r} is unknown ({nearest(str(word), choices)}).")
     return word
+
+
+def require_whole(value: int, *, field: str, low: int, high: int | None = None) -> int:
+    """``value`` as an int if it is a whole number in the range; else an `InputError` that names ``field``."""
+    whole = isinstance(value, numbers.Integral) and not isinstance(value, bool)
+    if not whole or value < low or (high is not None and value > high):
+        bounds = f"of at least {low}" if high is None else f"from {low} to {high}"
+        raise InputError(f"{field}: a whole number {bounds} is needed, not {value!r}.")
+    return int(value)
+
+
+def require_positive(value: float, *, field: str) -> float:
+    """``value`` as a float if it is a positive, finite number; else an `InputError` that names ``field``."""
+    number = require_number(value, field=field)
+    if number <= 0:
+        raise InputError(f"{field}: a positive number is needed, not {value!r}.")
+    return number
+
+
+def require_number(value: float, *, field: str) -> float:
+    """``value`` as a float if it is a finite number; else an `InputError` that names ``field``."""
+    if not isinstance(value, numbers.Real) or isinstance(value, bool) or not math.isfinite(value):
+        raise InputError(f"{field}: a finite number is needed, not {value!r}.")
+    return float(value)
+
+
+def plain_number(value: float, *, sign: bool = False) -> str:
+    """The shortest decimal text that is this number and no other: 30, 0.1, 1234567."""
+    return np.format_float_positional(value, trim="-", sign=sign)

@@ -5,24 +5,23 @@ from __future__ import annotations
 import numpy as np
 
 from pl_mc.alert import AlertLimits
+from pl_mc.engine.noise import LANES
 from pl_mc.faults import Faults
 from pl_mc.geometry.record import Geometry
 from pl_mc.input_errors import InputError
 
 LARGEST_SEED = 2**32 - 1
 
+# Blocks of noise are numbered by 32-bit integers.
+LARGEST_DRAWS = LANES * (2**31 - 1)
 
-def require_inputs(g: Geometry, faults: Faults, alert: AlertLimits) -> None:
-    """Raise `InputError` unless these are records of the right kinds that belong together."""
+
+def require_geometry_and_alert(g: Geometry, alert: AlertLimits) -> None:
+    """Raise `InputError` unless these are records of the right kinds and a single epoch can be solved."""
     if not isinstance(g, Geometry):
         raise InputError(f"geometry: a pl_mc Geometry is needed, not {type(g).__name__}.")
-    if not isinstance(faults, Faults):
-        raise InputError(
-            f"faults: use ramp, biases or no_fault to make faults; {type(faults).__name__} is none of them."
-        )
     if not isinstance(alert, AlertLimits):
         raise InputError(f"alert: alert limits such as pl_mc.LPV_200 are needed, not {type(alert).__name__}.")
-    faults.require_geometry(g)
     if not g.is_series and g.satellite_count < g.unknown_count:
         raise InputError(
             f"geometry: {g.satellite_count} satellites cannot determine {g.unknown_count} unknowns; at least "
@@ -30,13 +29,14 @@ def require_inputs(g: Geometry, faults: Faults, alert: AlertLimits) -> None:
         )
 
 
-def require_whole(value: int, *, field: str, low: int, high: int | None = None) -> int:
-    """``value`` as an int if it is a whole number in the range; else an `InputError` that names ``field``."""
-    whole = isinstance(value, int | np.integer) and not isinstance(value, bool)
-    if not whole or value < low or (high is not None and value > high):
-        bounds = f"of at least {low}" if high is None else f"from {low} to {high}"
-        raise InputError(f"{field}: a whole number {bounds} is needed, not {value!r}.")
-    return int(value)
+def require_inputs(g: Geometry, faults: Faults, alert: AlertLimits) -> None:
+    """Raise `InputError` unless these are records of the right kinds that belong together."""
+    require_geometry_and_alert(g, alert)
+    if not isinstance(faults, Faults):
+        raise InputError(
+            f"faults: use ramp, biases or no_fault to make faults; {type(faults).__name__} is none of them."
+        )
+    faults.require_geometry(g)
 
 
 def notes_on_faults(g: Geometry, faults: Faults) -> tuple[str, ...]:

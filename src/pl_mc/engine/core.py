@@ -117,7 +117,7 @@ def each_fault(
     noise_residuals = noise - product(model.design, noise_state)
     noise_square_sum = jnp.sum(noise_residuals * noise_residuals, axis=0)
 
-    bias = one.bias_m * model.weight_root
+    bias = one.bias_m * model.weight_root[None]
     bias_state = product(bias, model.gain.T)
     bias_residuals = bias - product(bias_state, model.design.T)
     cross = product(bias_residuals, noise_residuals)

@@ -14,7 +14,7 @@ from jax import Array
 from numpy.typing import NDArray
 
 from pl_mc.alert import LPV_200, AlertLimits
-from pl_mc.engine.checks import LARGEST_SEED, require_inputs, require_whole
+from pl_mc.engine.checks import LARGEST_DRAWS, LARGEST_SEED, require_geometry_and_alert, require_inputs
 from pl_mc.engine.core import block_outcomes
 from pl_mc.engine.events import alarms
 from pl_mc.engine.noise import LANES
@@ -22,9 +22,11 @@ from pl_mc.engine.plan import Chunk, make_plan
 from pl_mc.engine.precision import dtype_of, precision_scope
 from pl_mc.faults import Faults
 from pl_mc.geometry.record import EAST, NORTH, UP, Geometry
-from pl_mc.input_errors import InputError
+from pl_mc.input_errors import InputError, require_whole
 from pl_mc.kernels import linear_model, start_from
 from pl_mc.methods import Method, Outcome, as_methods
+
+OUTCOME_COLUMNS = ("east_m", "north_m", "up_m", "hpl_m", "vpl_m", "available", "alarm")
 
 _block_outcomes = jax.jit(block_outcomes, static_argnames=("methods",))
 
@@ -49,7 +51,7 @@ def sample(
         hpl_m, vpl_m, available, alarm``. Numbers are missing where a method is not available.
     """
     require_inputs(g, faults, alert)
-    draws = require_whole(draws, field="draws", low=1)
+    draws = require_whole(draws, field="draws", low=1, high=LARGEST_DRAWS)
     seed = require_whole(seed, field="seed", low=0, high=LARGEST_SEED)
     chosen = as_methods(methods)
     dtype = dtype_of(precision)
@@ -85,6 +87,8 @@ def sample(
                     rejects=outcome.rejects[place, slot, lane],
                 )
                 parts.append(pd.DataFrame(keys | _columns(picked, alert)))
+    if not parts:
+        return pd.DataFrame(columns=["epoch", "fault", "bias_m", "method", "draw", *OUTCOME_COLUMNS])
     return pd.concat(parts, ignore_index=True)
 
 
@@ -108,10 +112,14 @@ def solve(
         One row per epoch and method: ``epoch, time_gps_s, method, satellites, east_m, north_m, up_m, hpl_m, vpl_m,
         available, alarm``. Numbers are missing where a method is not available.
     """
-    series = g.as_series()
-    errors = np.asarray(errors_m, dtype=float).reshape(-1, series.design.shape[1])
-    if errors.shape != series.sigma_m.shape:
-        raise InputError(f"errors_m: the shape {series.sigma_m.shape} is needed, not {np.shape(errors_m)}.")
+    require_geometry_and_alert(g, alert)
+    try:
+        errors = np.asarray(errors_m, dtype=float)
+    except (TypeError, ValueError) as error:
+        raise InputError(f"errors_m: it cannot be read as an array of numbers ({error}).") from None
+    if errors.shape != g.sigma_m.shape:
+        raise InputError(f"errors_m: the shape {g.sigma_m.shape} is needed, not {errors.shape}.")
+    series, errors = g.as_series(), np.atleast_2d(errors)
     if not np.isfinite(errors[series.in_view]).all():
         raise InputError("errors_m: the error of every satellite in view is a finite number of metres.")
     chosen = as_methods(methods)
@@ -159,12 +167,7 @@ def _columns(outcome: Outcome, alert: AlertLimits) -> dict[str, NDArray]:
     def known(values: Array) -> NDArray:
         return np.where(available, values, np.nan)
 
-    return {
-        "east_m": known(outcome.error_m[EAST]),
-        "north_m": known(outcome.error_m[NORTH]),
-        "up_m": known(outcome.error_m[UP]),
-        "hpl_m": known(outcome.hpl_m),
-        "vpl_m": known(outcome.vpl_m),
-        "available": available,
-        "alarm": np.asarray(alarms(outcome, alert.vertical_m)),
-    }
+    error = outcome.error_m
+    values = [known(v) for v in (error[EAST], error[NORTH], error[UP], outcome.hpl_m, outcome.vpl_m)]
+    values += [available, np.asarray(alarms(outcome, alert.vertical_m))]
+    return dict(zip(OUTCOME_COLUMNS, values, strict=True))

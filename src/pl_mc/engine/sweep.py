@@ -14,7 +14,7 @@ import pandas as pd
 from numpy.typing import NDArray
 
 from pl_mc.alert import LPV_200, AlertLimits
-from pl_mc.engine.checks import LARGEST_SEED, notes_on_faults, require_inputs, require_whole
+from pl_mc.engine.checks import LARGEST_DRAWS, LARGEST_SEED, notes_on_faults, require_inputs
 from pl_mc.engine.core import count_events
 from pl_mc.engine.events import EVENTS
 from pl_mc.engine.noise import LANES
@@ -24,6 +24,7 @@ from pl_mc.engine.progress import with_progress
 from pl_mc.engine.table import rate_table
 from pl_mc.faults import Faults
 from pl_mc.geometry.record import Geometry
+from pl_mc.input_errors import require_whole
 from pl_mc.methods import Method, as_methods
 
 Run = Callable[[Chunk], NDArray[np.int32]]
@@ -52,7 +53,8 @@ def sweep(
         seed: chooses the noise, 0 to 2^32 - 1. The same seed gives the same counts.
         methods: names or records of methods.
         alert: alert limits; the vertical one decides.
-        precision: ``float64`` or ``float32``.
+        precision: ``float64`` or ``float32``. Single precision draws other noise from the same seed, and none
+            beyond 5.42 sigma: rates near 1e-7 are not to be had from it.
         workers: threads that compute; as many as cores unless given. No effect on the counts.
         progress: whether to show a progress bar; where standard error is a terminal unless given.
 
@@ -67,7 +69,7 @@ def sweep(
         InputError: bad options, or faults of another geometry.
     """
     require_inputs(g, faults, alert)
-    draws = require_whole(draws, field="draws", low=1)
+    draws = require_whole(draws, field="draws", low=1, high=LARGEST_DRAWS)
     seed = require_whole(seed, field="seed", low=0, high=LARGEST_SEED)
     threads = _cores() if workers is None else require_whole(workers, field="workers", low=1)
     chosen = as_methods(methods)
@@ -101,7 +103,7 @@ def sweep(
 def _in_threads(run: Run, plan: Plan, threads: int) -> Iterator[tuple[Chunk, NDArray[np.int32]]]:
     """Results of every chunk, in order, computed by a few threads that stay little ahead of the reader."""
     chunks = plan.chunks()
-    if threads == 1 or plan.chunk_count == 1:
+    if threads == 1 or plan.chunk_count <= 1:
         for chunk in chunks:
             yield chunk, run(chunk)
         return

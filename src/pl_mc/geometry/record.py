@@ -7,7 +7,7 @@ padded with a mask to the largest satellite count), so that a day with changing 
 from __future__ import annotations
 
 import dataclasses
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, field
 from typing import Any
 
@@ -101,8 +101,9 @@ class Geometry:
         if rank < t:
             raise InputError(f"design: its {t} columns depend on each other (rank {rank}); no position follows.")
         return cls(
-            design=design,
-            sigma_m=sigma,
+            # Copies: what the caller does to its arrays later changes nothing here.
+            design=design.copy(),
+            sigma_m=sigma.copy(),
             in_view=np.ones(n, dtype=bool),
             satellite=np.arange(n, dtype=np.int32),
             epoch=np.asarray(0),
@@ -139,9 +140,24 @@ class Geometry:
         Satellites never in view are left out. Epochs may have fewer satellites than unknowns: a sweep counts them
         as unavailable.
         """
-        design, sigma_m, in_view = np.asarray(design, float), np.asarray(sigma_m, float), np.asarray(in_view, bool)
+        design, sigma_m = _as_numbers("design", design), _as_numbers("sigma_m", sigma_m)
+        in_view = np.asarray(in_view, bool)
+        m, t = len(names), POSITION_UNKNOWNS + len(clocks)
+        if design.ndim != 3 or design.shape[1:] != (m, t):
+            raise InputError(
+                f"design: {m} names and {len(clocks)} clocks need the shape (epochs, {m}, {t}), not {design.shape}."
+            )
         epochs = design.shape[0]
+        for label, got in (("sigma_m", sigma_m.shape), ("in_view", in_view.shape)):
+            if got != (epochs, m):
+                raise InputError(f"{label}: its shape is (epochs, satellites), {(epochs, m)}, not {got}.")
+        if len(systems) != m:
+            raise InputError(f"systems: one letter per name is needed, {m}, not {len(systems)}.")
         _check_satellites(tuple(names), tuple(systems))
+        numbers = np.arange(epochs) if epoch is None else np.asarray(epoch, dtype=np.int64)
+        # Noise is found by epoch number: two epochs of one number would share theirs.
+        if numbers.shape != (epochs,) or np.unique(numbers).size != epochs or (numbers < 0).any():
+            raise InputError(f"epoch: {epochs} different numbers, none negative, are needed.")
         if not in_view.any():
             raise InputError("geometry: no satellite is in view at any epoch.")
         if not (np.isfinite(sigma_m[in_view]).all() and (sigma_m[in_view] > 0).all()):
@@ -160,7 +176,7 @@ class Geometry:
             sigma_m=np.where(mask, np.take_along_axis(sigma_m, order, axis=1), 1.0),
             in_view=mask,
             satellite=np.where(mask, order, 0).astype(np.int32),
-            epoch=np.arange(epochs) if epoch is None else np.asarray(epoch, dtype=np.int64),
+            epoch=numbers,
             time_gps_s=np.full(epochs, np.nan) if time_gps_s is None else np.asarray(time_gps_s, dtype=float),
             names=tuple(names[i] for i in seen),
             systems=tuple(systems[i] for i in seen),
@@ -180,7 +196,8 @@ class Geometry:
     @property
     def unknown_count(self) -> NDArray[np.int64]:
         """(...), number of unknowns: three coordinates and the clocks that some satellite in view observes."""
-        return np.asarray(self.design).any(axis=-2).sum(axis=-1)
+        clocks = np.asarray(self.design)[..., POSITION_UNKNOWNS:]
+        return POSITION_UNKNOWNS + clocks.any(axis=-2).sum(axis=-1)
 
     @property
     def elevation_rad(self) -> NDArray[np.float64]:
@@ -192,6 +209,10 @@ class Geometry:
         """(..., n), azimuths, clockwise from north [rad]."""
         rows = np.asarray(self.design)
         return np.arctan2(-rows[..., EAST], -rows[..., NORTH]) % (2 * np.pi)
+
+    def __iter__(self) -> Iterator[Geometry]:
+        """The epochs, one by one."""
+        return (self[k] for k in range(len(self)))
 
     def __len__(self) -> int:
         """Number of epochs."""
@@ -205,6 +226,8 @@ class Geometry:
             if len(range(*index.indices(len(self)))) == 0:
                 raise InputError(f"geometry: the slice {index.start}:{index.stop} holds no epoch of {len(self)}.")
             return self._with_arrays({name: getattr(self, name)[index] for name in _ARRAYS})
+        if not isinstance(index, int | np.integer):
+            raise InputError(f"geometry: an epoch is chosen by a whole number or a slice, not {index!r}.")
         if not -len(self) <= index < len(self):
             raise InputError(f"geometry: epoch index {index} is outside 0 to {len(self) - 1}.")
         rows = np.flatnonzero(self.in_view[index])

@@ -31,7 +31,10 @@ class Start:
 @jax.tree_util.register_dataclass
 @dataclass(frozen=True)
 class Estimate:
-    """One solution, or one per lane. Where not ``available`` the numbers are infinite, never NaN.
+    """One solution, or one per lane; never NaN.
+
+    Where not ``available``, state, unit error, cofactors and change are infinite; residuals, weights and kept are
+    those of the last solve, which is none.
 
     Attributes:
         state: (t, ...), east, north, up, clocks [m].

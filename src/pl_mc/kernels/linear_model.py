@@ -12,10 +12,18 @@ import jax
 import jax.numpy as jnp
 from jax import Array
 
-from pl_mc.kernels.small_matrix import PIVOT_FLOOR, cholesky, inverse_columns, lower_triangle, solve
+from pl_mc.kernels.small_matrix import cholesky, inverse_columns, lower_triangle, pivot_floor, solve
+
+# Columns of the design that are coordinates; the others are clocks.
+COORDINATES = 3
 
 # A satellite with a smaller redundancy number is not checked by the others: its residual is always zero.
 REDUNDANCY_FLOOR = 1e-10
+
+
+def redundancy_floor(dtype: jax.typing.DTypeLike) -> float:
+    """The redundancy number below which a residual is nothing but rounding, in the precision at hand."""
+    return max(REDUNDANCY_FLOOR, 100.0 * float(jnp.finfo(dtype).eps))
 
 
 @jax.tree_util.register_dataclass
@@ -69,17 +77,19 @@ def linear_model(design: Array, sigma_m: Array, in_view: Array | None = None) ->
     weight_root = jnp.where(seen, 1.0 / jnp.where(seen, sigma_m, 1.0), 0.0).astype(design.dtype)
     whitened = jnp.where(seen[:, None], design, 0.0) * weight_root[:, None]
     products = jnp.stack([whitened[:, j] * whitened[:, k] for j, k in lower_triangle(t)])
-    empty = 1.0 - jnp.any(whitened != 0, axis=0).astype(design.dtype)
+    # A clock without satellites drops out of the problem; a coordinate never does.
+    unobserved = ~jnp.any(whitened != 0, axis=0) & (jnp.arange(t) >= COORDINATES)
+    empty = unobserved.astype(design.dtype)
     packed = add_empty(jnp.sum(products, axis=1), empty)
     diagonal = jnp.stack([packed[k] for k, (row, column) in enumerate(lower_triangle(t)) if row == column])
-    factor = cholesky(packed, PIVOT_FLOOR * diagonal)
+    factor = cholesky(packed, pivot_floor(diagonal))
     gain = jnp.stack(solve(factor, whitened.T))
     columns = inverse_columns(factor)
     cofactor = jnp.stack([jnp.sum(jnp.stack(column) ** 2) for column in columns])
     # Rows of the orthogonal basis of the fitted space: their squared lengths are the leverages.
     leverage = jnp.sum(whitened * gain.T, axis=1)
     redundancy = jnp.clip(mask - leverage, 0.0, 1.0)
-    checked = redundancy >= REDUNDANCY_FLOOR
+    checked = redundancy >= redundancy_floor(design.dtype)
     unknowns = t - jnp.sum(empty)
     redundancies = jnp.sum(mask) - unknowns
     return LinearModel(
@@ -92,7 +102,7 @@ def linear_model(design: Array, sigma_m: Array, in_view: Array | None = None) ->
         redundancy=redundancy,
         inverse_residual_sigma=jnp.where(checked, jax.lax.rsqrt(jnp.where(checked, redundancy, 1.0)), 0.0),
         empty=empty,
-        pivot_floor=PIVOT_FLOOR * jnp.stack(factor.pivots),
+        pivot_floor=pivot_floor(jnp.stack(factor.pivots)),
         unknowns=unknowns,
         redundancies=redundancies,
         available=factor.regular & (redundancies >= 1),

@@ -14,9 +14,9 @@ import jax
 import jax.numpy as jnp
 from jax import Array
 
-from pl_mc.input_errors import InputError, require_choice
+from pl_mc.input_errors import require_choice, require_whole
 from pl_mc.kernels.estimate import Estimate, Start, safe_sqrt
-from pl_mc.kernels.linear_model import REDUNDANCY_FLOOR, LinearModel, add_empty, per_lane, product
+from pl_mc.kernels.linear_model import LinearModel, add_empty, per_lane, product, redundancy_floor
 from pl_mc.kernels.small_matrix import (
     Cholesky,
     cholesky,
@@ -62,8 +62,7 @@ class IrlsOptions:
         require_choice(self.scale, SCALES, field="scale")
         require_choice(self.cofactor, COFACTORS, field="cofactor")
         require_choice(self.redundancy, REDUNDANCIES, field="redundancy")
-        if not isinstance(self.iterations, int) or self.iterations < 1:
-            raise InputError(f"iterations: a whole number of at least 1 is needed, not {self.iterations!r}.")
+        require_whole(self.iterations, field="iterations", low=1)
 
 
 @jax.tree_util.register_dataclass
@@ -154,7 +153,7 @@ def _weights(model: LinearModel, iterate: _Iterate, weights: Array, options: Irl
     size = jnp.abs(iterate.residuals) * _inverse_residual_sigma(model, weights, options)
     scale = _scale(model, iterate, size, options)
     # A perfect fit leaves no scale; it is undetermined or exact, and any finite number serves.
-    return options.weight(size / jnp.where(scale > 0, scale, 1.0))
+    return options.weight(size / jnp.where(scale > 0, scale, 1.0)[None])
 
 
 def _scale(model: LinearModel, iterate: _Iterate, size: Array, options: IrlsOptions) -> Array:
@@ -195,5 +194,5 @@ def _inverse_residual_sigma(model: LinearModel, weights: Array, options: IrlsOpt
         ]
     )
     variance = 1.0 - product(model.products.T, inverse)
-    usable = (variance > REDUNDANCY_FLOOR) & (fault_free > 0)
+    usable = (variance > redundancy_floor(variance.dtype)) & (fault_free > 0)
     return jnp.where(usable, jax.lax.rsqrt(jnp.where(usable, variance, 1.0)), fault_free)

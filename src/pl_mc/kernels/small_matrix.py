@@ -13,8 +13,14 @@ import jax
 import jax.numpy as jnp
 from jax import Array
 
-# A pivot below this fraction of the same pivot of the fault-free matrix leaves the solution undetermined.
+# A pivot below this fraction of the same pivot of the fault-free matrix leaves the solution undetermined; in single
+# precision the rounding of the pivot itself is larger.
 PIVOT_FLOOR = 1e-10
+
+
+def pivot_floor(pivots: Array) -> Array:
+    """The smallest acceptable pivots of a reweighted matrix, from those of the fault-free one."""
+    return max(PIVOT_FLOOR, 10.0 * float(jnp.finfo(pivots.dtype).eps)) * pivots
 
 
 def lower_triangle(t: int) -> list[tuple[int, int]]:
@@ -38,14 +44,14 @@ class Cholesky(NamedTuple):
     regular: Array
 
 
-def cholesky(packed: Sequence[Array] | Array, pivot_floor: Sequence[Array] | Array) -> Cholesky:
-    """Factor a packed symmetric matrix; pivots below ``pivot_floor`` (t,) are flagged and replaced.
+def cholesky(packed: Sequence[Array] | Array, floor: Sequence[Array] | Array) -> Cholesky:
+    """Factor a packed symmetric matrix; pivots below ``floor`` (t,), or not positive, are flagged.
 
     Args:
         packed: t (t + 1) / 2 elements, in the order of `lower_triangle`.
-        pivot_floor: the smallest acceptable value of each pivot, positive.
+        floor: the smallest acceptable value of each pivot.
     """
-    t = len(pivot_floor)
+    t = len(floor)
     element = {place: packed[k] for k, place in enumerate(lower_triangle(t))}
     lower: dict[tuple[int, int], Array] = {}
     inverse_diagonal: list[Array] = []
@@ -55,7 +61,8 @@ def cholesky(packed: Sequence[Array] | Array, pivot_floor: Sequence[Array] | Arr
         pivot = element[j, j]
         for k in range(j):
             pivot = pivot - lower[j, k] * lower[j, k]
-        sound = pivot >= pivot_floor[j]
+        # A column of zeros has a pivot and a floor of zero.
+        sound = (pivot >= floor[j]) & (pivot > 0)
         regular = regular & sound
         pivots.append(pivot)
         inverse_diagonal.append(jax.lax.rsqrt(jnp.where(sound, pivot, jnp.ones_like(pivot))))

@@ -2,6 +2,9 @@
 
 from __future__ import annotations
 
+import functools
+
+import jax
 import jax.numpy as jnp
 from jax import Array
 from jax.typing import ArrayLike
@@ -21,8 +24,7 @@ def ls(design: ArrayLike, sigma_m: ArrayLike, observed_m: ArrayLike, in_view: Ar
         observed_m: (n,) or (n, lanes), observed minus computed pseudoranges [m].
         in_view: (n,), which rows count; all unless given.
     """
-    model, observed = _prepare(design, sigma_m, observed_m, in_view)
-    return least_squares(model, start_from(model, observed))
+    return _ls(*_prepare(design, sigma_m, observed_m, in_view))
 
 
 def igg3(
@@ -39,8 +41,7 @@ def igg3(
         design, sigma_m, observed_m, in_view: as for `ls`.
         options: weight function, iteration count and the choices that the paper leaves open.
     """
-    model, observed = _prepare(design, sigma_m, observed_m, in_view)
-    return irls(model, start_from(model, observed), options)
+    return _reweighted(*_prepare(design, sigma_m, observed_m, in_view), options=options)
 
 
 def least_squares(model: LinearModel, start: Start) -> Estimate:
@@ -62,18 +63,31 @@ def least_squares(model: LinearModel, start: Start) -> Estimate:
     )
 
 
+@jax.jit
+def _ls(rows: Array, sigma: Array, observed: Array, seen: Array) -> Estimate:
+    model = linear_model(rows, sigma, seen)
+    return least_squares(model, start_from(model, observed))
+
+
+@functools.partial(jax.jit, static_argnames=("options",))
+def _reweighted(rows: Array, sigma: Array, observed: Array, seen: Array, *, options: IrlsOptions) -> Estimate:
+    model = linear_model(rows, sigma, seen)
+    return irls(model, start_from(model, observed), options)
+
+
 def _prepare(
     design: ArrayLike, sigma_m: ArrayLike, observed_m: ArrayLike, in_view: ArrayLike | None
-) -> tuple[LinearModel, Array]:
+) -> tuple[Array, Array, Array, Array]:
+    """Arrays of one floating type and of shapes that fit."""
     observed = jnp.asarray(observed_m)
     dtype = jnp.result_type(jnp.asarray(design), jnp.asarray(sigma_m), observed, float)
     rows, sigma = jnp.asarray(design, dtype), jnp.asarray(sigma_m, dtype)
-    if rows.ndim != 2 or sigma.shape != rows.shape[:1] or observed.shape[:1] != rows.shape[:1]:
+    seen = jnp.ones(rows.shape[:1], bool) if in_view is None else jnp.asarray(in_view, bool)
+    n = rows.shape[:1]
+    if rows.ndim != 2 or sigma.shape != n or seen.shape != n or observed.shape[:1] != n or observed.ndim > 2:
         raise InputError(
-            "kernel: design (n, t), sigma_m (n,) and observed_m (n,) or (n, lanes) are needed, not "
-            f"{rows.shape}, {sigma.shape} and {observed.shape}."
+            "kernel: design (n, t), sigma_m (n,), observed_m (n,) or (n, lanes) and in_view (n,) are needed, not "
+            f"{rows.shape}, {sigma.shape}, {observed.shape} and {seen.shape}."
         )
-    if in_view is not None:
-        # Padding may hold anything, NaN included; it must not reach a sum.
-        observed = jnp.where(per_lane(jnp.asarray(in_view, bool), observed), observed, 0.0)
-    return linear_model(rows, sigma, None if in_view is None else jnp.asarray(in_view)), observed.astype(dtype)
+    # Padding may hold anything, NaN included; it must not reach a sum.
+    return rows, sigma, jnp.where(per_lane(seen, observed), observed, 0.0).astype(dtype), seen

@@ -5,13 +5,14 @@ Each is a frozen record, so that it can be a static argument of a jitted kernel;
 
 from __future__ import annotations
 
+import numbers
 from dataclasses import dataclass
 from typing import Protocol
 
 import jax.numpy as jnp
 from jax import Array
 
-from pl_mc.input_errors import InputError
+from pl_mc.input_errors import InputError, require_positive
 
 
 class WeightFunction(Protocol):
@@ -30,8 +31,9 @@ class Igg3Weight:
     k1: float = 5.0
 
     def __post_init__(self) -> None:
-        if not 0.0 < self.k0 < self.k1 < float("inf"):
-            raise InputError(f"igg3: 0 < k0 < k1 is needed, not k0 = {self.k0}, k1 = {self.k1}.")
+        sound = all(isinstance(value, numbers.Real) for value in (self.k0, self.k1))
+        if not sound or not 0.0 < self.k0 < self.k1 < float("inf"):
+            raise InputError(f"igg3: 0 < k0 < k1 is needed, not k0 = {self.k0!r}, k1 = {self.k1!r}.")
 
     def __call__(self, size: Array) -> Array:
         fall = (self.k1 - size) * (1.0 / (self.k1 - self.k0))
@@ -46,6 +48,9 @@ class HuberWeight:
 
     k: float = 1.345
 
+    def __post_init__(self) -> None:
+        require_positive(self.k, field="huber: k")
+
     def __call__(self, size: Array) -> Array:
         return self.k / jnp.maximum(size, self.k)
 
@@ -55,6 +60,9 @@ class TukeyWeight:
     """Tukey's biweight: (1 - (u / c)^2)^2 up to c, zero beyond (Beaton & Tukey 1974, Technometrics 16:147-185)."""
 
     c: float = 4.685
+
+    def __post_init__(self) -> None:
+        require_positive(self.c, field="tukey: c")
 
     def __call__(self, size: Array) -> Array:
         inner = 1.0 - jnp.minimum(size / self.c, 1.0) ** 2

@@ -13,6 +13,7 @@ from typing import Any, Protocol, runtime_checkable
 import jax
 from jax import Array
 
+from pl_mc.input_errors import plain_number
 from pl_mc.kernels import Estimate, LinearModel, ProtectionLevels, Start
 
 
@@ -67,7 +68,7 @@ def outcome_of(estimate: Estimate, levels: ProtectionLevels) -> Outcome:
 def name_with_options(base: str, options: Any, defaults: Any) -> str:
     """``igg3``, or ``igg3(k1=4,scale=apriori)`` where options differ from the defaults."""
     changed = [
-        f"{field}={value:g}" if isinstance(value, float) else f"{field}={value}"
+        f"{field}={plain_number(value)}" if isinstance(value, float) else f"{field}={value}"
         for field in options.__dataclass_fields__
         if (value := getattr(options, field)) != getattr(defaults, field)
     ]

@@ -5,6 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 from pl_mc.constants import K_HORIZONTAL, K_VERTICAL
+from pl_mc.input_errors import require_positive
 from pl_mc.kernels import Igg3Weight, IrlsOptions, LinearModel, Start, irls, protection_levels
 from pl_mc.methods.base import Outcome, name_with_options, outcome_of
 
@@ -32,7 +33,9 @@ class Igg3:
     k_vertical: float = K_VERTICAL
 
     def __post_init__(self) -> None:
-        # The kernel's own records check the values, here and not at the first trace.
+        for field in ("k_horizontal", "k_vertical"):
+            require_positive(getattr(self, field), field=f"igg3: {field}")
+        # The kernel's own records check the other values, here and not at the first trace.
         _ = self.options
 
     @property

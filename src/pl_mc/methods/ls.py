@@ -5,6 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 from pl_mc.constants import K_HORIZONTAL, K_VERTICAL
+from pl_mc.input_errors import require_positive
 from pl_mc.kernels import LinearModel, Start, least_squares, protection_levels
 from pl_mc.methods.base import Outcome, name_with_options, outcome_of
 
@@ -19,6 +20,10 @@ class Ls:
 
     k_horizontal: float = K_HORIZONTAL
     k_vertical: float = K_VERTICAL
+
+    def __post_init__(self) -> None:
+        for field in ("k_horizontal", "k_vertical"):
+            require_positive(getattr(self, field), field=f"ls: {field}")
 
     @property
     def name(self) -> str:

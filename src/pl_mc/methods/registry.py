@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import dataclasses
-from collections.abc import Sequence
+from collections.abc import Hashable, Iterable, Sequence
 from typing import Any
 
 from pl_mc.input_errors import InputError, nearest, require_choice
@@ -26,13 +26,14 @@ def method(name: str, **options: Any) -> Method:
 
 def as_methods(methods: Sequence[str | Method]) -> tuple[Method, ...]:
     """Names and records, made records; an `InputError` for none, for strangers and for two of one name."""
-    if isinstance(methods, str):
-        raise InputError(f"methods: a sequence of methods is needed, such as ({methods!r},), not a word.")
+    if isinstance(methods, str) or not isinstance(methods, Iterable):
+        raise InputError(f"methods: a sequence of methods is needed, such as ('ls', 'igg3'), not {methods!r}.")
     made = tuple(method(item) if isinstance(item, str) else item for item in methods)
     if not made:
         raise InputError("methods: at least one method is needed.")
     for item in made:
-        if not isinstance(item, Method):
+        # The compiled sweep is found again by its methods, so they have to be hashable.
+        if isinstance(item, type) or not isinstance(item, Method) or not isinstance(item, Hashable):
             raise InputError(f"methods: {item!r} is no method (valid names: {', '.join(METHODS)}).")
     names = [item.name for item in made]
     for name in names:

@@ -45,9 +45,9 @@ def readings_summary(title: str, distances: pd.DataFrame, paper: PaperSeries, re
         f"# {title}",
         "",
         f"Each reading changes one thing of the base (first row). {redraws + 1} draws of satellites, sizes and "
-        "noise; medians, with the smallest and largest in brackets. Before: least squares; after: IGG-III. The factor is "
-        f"the typical one between our six values and the six of the paper's column of table {paper.table}, "
-        "exp(rms ln(ours / paper)); 1 would be every value met.",
+        "noise; medians, with the smallest and largest in brackets. Before: least squares; after: IGG-III. The "
+        f"factor, exp(rms ln(ours / paper)), is the typical one between our six values and the paper's column of "
+        f"table {paper.table}; 1 would be every value met.",
         "",
         markdown_table(header, rows),
         "",

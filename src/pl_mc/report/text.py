@@ -14,7 +14,9 @@ def rate_text(count: int, total: int, low: float, high: float) -> str:
         return f"0 (< {percent(high)} %)"
     if count == total:
         return f"all (> {percent(low)} %)"
-    return f"{percent(count / total)} % [{percent(low)}, {percent(high)}]"
+    # A lower bound that small says nothing; with one or two events it is a tail of a continued formula.
+    lower = percent(low) if low > 1e-10 else "0"
+    return f"{percent(count / total)} % [{lower}, {percent(high)}]"
 
 
 def percent(rate: float) -> str:
