@@ -6,31 +6,13 @@ import numpy as np
 import pytest
 
 from pl_mc.geometry.record import Geometry
-
-# ARAIM Algorithm Description Document v3.0, Appendix D: minus line of sight in east, north, up, and the variance
-# of the integrity error model, C_int [m^2].
-APPENDIX_D = (
-    ("G01", 0.0225, 0.9951, -0.0966, 3.8865),
-    ("G02", 0.6750, -0.6900, -0.2612, 1.4377),
-    ("G03", 0.0723, -0.6601, -0.7477, 0.8604),
-    ("G04", -0.9398, 0.2553, -0.2269, 1.6383),
-    ("G05", -0.5907, -0.7539, -0.2877, 1.3229),
-    ("E06", -0.3236, -0.0354, -0.9455, 0.8434),
-    ("E07", -0.6748, 0.4356, -0.5957, 0.8963),
-    ("E08", 0.0938, -0.7004, -0.7075, 0.8669),
-    ("E09", 0.5571, 0.3088, -0.7709, 0.8573),
-    ("E10", 0.6622, 0.6958, -0.2780, 1.3616),
-)
+from reference.problems import appendix_d as appendix_d_geometry
 
 
 @pytest.fixture(scope="session")
 def appendix_d() -> Geometry:
     """Ten satellites, two systems, five degrees of freedom."""
-    names = [row[0] for row in APPENDIX_D]
-    clocks = [[name[0] == "G", name[0] == "E"] for name in names]
-    design = np.column_stack([[row[1:4] for row in APPENDIX_D], clocks]).astype(float)
-    sigma_m = np.sqrt([row[4] for row in APPENDIX_D])
-    return Geometry.from_arrays(design, sigma_m, [name[0] for name in names], names)
+    return appendix_d_geometry()
 
 
 @pytest.fixture(scope="session")

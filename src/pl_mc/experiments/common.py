@@ -58,6 +58,25 @@ class SimulatedGeometry(Strict):
         return error_model(self.error_model, **self.error_options)
 
 
+class ReceiverFiles(Strict):
+    """A receiver's RINEX files and where it truly was; fields of `pl_mc.receiver.read_receiver_series`.
+
+    ``truth`` is ``X,Y,Z`` Earth-fixed [m] or the name of a track.
+    """
+
+    observations: Path
+    navigation: Path
+    truth: str
+    systems: tuple[str, ...] = ("G", "C")
+    mask_deg: float = Field(default=10.0, ge=0, lt=90)
+    error_model: str = "residual"
+    error_options: dict[str, Any] = Field(default_factory=dict)
+
+    def model(self) -> ErrorModel:
+        """The error model."""
+        return error_model(self.error_model, **self.error_options)
+
+
 class MethodChoice(Strict):
     """A method by name; every further field is an option of that method."""
 

@@ -4,16 +4,15 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from pathlib import Path
-from typing import Any, Literal
+from typing import Literal
 
 import numpy as np
 import pandas as pd
-from pydantic import Field
 
 from pl_mc.engine import solve
-from pl_mc.error_models import error_model
-from pl_mc.experiments.common import Experiment
+from pl_mc.experiments.common import Experiment, ReceiverFiles
 from pl_mc.experiments.output import write_table
+from pl_mc.geometry.gps_time import gps_dates
 from pl_mc.injection import Injection, inject, parse_injection
 from pl_mc.receiver import read_receiver_series, read_truth
 from pl_mc.report.error_figures import error_figure
@@ -21,23 +20,14 @@ from pl_mc.report.figures import method_label, save_figure
 from pl_mc.report.text import markdown_table, metres, rate_text
 from pl_mc.statistics.intervals import clopper_pearson
 
-GPS_EPOCH = pd.Timestamp("1980-01-06")
 
-
-class ObserveExperiment(Experiment):
+class ObserveExperiment(Experiment, ReceiverFiles):
     """Receiver files and a true position or track; see `pl_mc.receiver.read_receiver_series`.
 
     ``faults`` holds texts such as ``G02:+30m:545-645``: satellite, bias, first and last epoch, counted from 0.
     """
 
     kind: Literal["observe"] = "observe"
-    observations: Path
-    navigation: Path
-    truth: str
-    systems: tuple[str, ...] = ("G", "C")
-    mask_deg: float = Field(default=10.0, ge=0, lt=90)
-    error_model: str = "residual"
-    error_options: dict[str, Any] = Field(default_factory=dict)
     faults: tuple[str, ...] = ()
 
     def input_files(self) -> Mapping[str, Path]:
@@ -59,14 +49,14 @@ def run(experiment: ObserveExperiment, folder: Path, *, progress: bool | None) -
         read_truth(experiment.truth),
         systems=experiment.systems,
         mask_deg=experiment.mask_deg,
-        error_model=error_model(experiment.error_model, **experiment.error_options),
+        error_model=experiment.model(),
     )
     g = series.geometry
     errors_m, faulted, notes = inject(g, series.errors_m, injections)
     alert = experiment.alert_limits()
     table = solve(g, errors_m, methods=experiment.method_records(), alert=alert, precision=experiment.precision)
     table["faulted"] = table.epoch.map(pd.Series(faulted, index=g.epoch))
-    table.insert(1, "time", GPS_EPOCH + pd.to_timedelta(table.pop("time_gps_s"), unit="s"))
+    table.insert(1, "time", gps_dates(table.pop("time_gps_s")))
     write_table(table, folder, "epochs", parquet=True)
     save_figure(error_figure(table, alert=alert, title=experiment.title), folder, "epochs")
     return _summary(experiment, table, injections), (*series.notes, *notes)

@@ -19,12 +19,11 @@ from pl_mc.experiments.common import Experiment, MethodChoice
 from pl_mc.experiments.output import write_table
 from pl_mc.experiments.series_sources import AnySource, ReceiverSource, Series
 from pl_mc.experiments.window_faults import DrawnFaults, WindowFaults
+from pl_mc.geometry.gps_time import gps_dates
 from pl_mc.report.figures import save_figure
 from pl_mc.report.series_figures import flight_figure, levels_figure, position_errors_figure, satellites_figure
 from pl_mc.report.series_text import SeriesReport, comparison_page, series_summary
 from pl_mc.report.zhao2021 import ACCURACY_COLUMNS, PAPER, PaperSeries, accuracy_m, paper_table
-
-GPS_EPOCH = pd.Timestamp("1980-01-06")
 
 
 class SeriesExperiment(Experiment):
@@ -72,7 +71,7 @@ def run(experiment: SeriesExperiment, folder: Path, *, progress: bool | None) ->
     redraws = pd.DataFrame(draws)
     compared = paper_table(paper, *(group[ACCURACY_COLUMNS] for _, group in redraws.groupby("method", sort=False)))
 
-    table.insert(1, "time", GPS_EPOCH + pd.to_timedelta(table.pop("time_gps_s"), unit="s"))
+    table.insert(1, "time", gps_dates(table.pop("time_gps_s")))
     table.to_parquet(folder / "epochs.parquet", index=False, compression="zstd")
     tables = {"faults": faults.listed, "redraws": redraws, f"table{paper.table}": compared, **series.tables}
     for name, content in tables.items():

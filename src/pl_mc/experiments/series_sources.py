@@ -19,8 +19,8 @@ from pydantic import Discriminator, Field, Tag
 
 from pl_mc.engine.noise import LANES, epoch_key, unit_noise
 from pl_mc.engine.precision import dtype_of, precision_scope
-from pl_mc.error_models import ErrorModel, error_model
-from pl_mc.experiments.common import SimulatedGeometry, Strict
+from pl_mc.error_models import error_model
+from pl_mc.experiments.common import ReceiverFiles, SimulatedGeometry, Strict
 from pl_mc.geometry import Geometry, simulate
 from pl_mc.geometry.constellations import constellation_slots
 from pl_mc.geometry.flight import Flight, banked_visibility, fly, survey_plan
@@ -124,21 +124,14 @@ class FlightSource(Strict):
         )
 
 
-class ReceiverSource(Strict):
+class ReceiverSource(ReceiverFiles):
     """Files of a real receiver with its true position, read by `pl_mc.receiver.read_receiver_series`.
 
     Names without a folder are looked for in the folder that the environment variable ``PL_MC_DATA`` names, or in
-    the current one where it names none. ``truth`` is ``X,Y,Z`` [m] or the name of a track.
+    the current one where it names none.
     """
 
     kind: Literal["receiver"] = "receiver"
-    observations: Path
-    navigation: Path
-    truth: str
-    systems: tuple[str, ...] = ("G", "C")
-    mask_deg: float = Field(default=10.0, ge=0, lt=90)
-    error_model: str = "residual"
-    error_options: dict[str, Any] = Field(default_factory=dict)
 
     def files(self) -> dict[str, Path]:
         """The files by field, found; an `InputError` names the one that is not there and the variable."""
@@ -156,7 +149,7 @@ class ReceiverSource(Strict):
             read_truth(str(files["truth"]) if self._has_track() else self.truth),
             systems=self.systems,
             mask_deg=self.mask_deg,
-            error_model=self._model(),
+            error_model=self.model(),
         )
         return Series(read.geometry, read.errors_m[None], {}, read.notes)
 
@@ -170,9 +163,6 @@ class ReceiverSource(Strict):
 
     def _has_track(self) -> bool:
         return self.truth.strip().lower().endswith((".csv", ".csv.gz"))
-
-    def _model(self) -> ErrorModel:
-        return error_model(self.error_model, **self.error_options)
 
 
 def _form_of_source(given: Any) -> str | None:

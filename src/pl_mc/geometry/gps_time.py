@@ -10,6 +10,7 @@ from __future__ import annotations
 from datetime import datetime
 
 import numpy as np
+import pandas as pd
 from numpy.typing import ArrayLike, NDArray
 
 from pl_mc.input_errors import InputError
@@ -44,6 +45,11 @@ def gps_seconds(date: str | datetime, *, field: str = "start") -> float:
     if moment < GPS_EPOCH:
         raise InputError(f"{field}: {date!r} is before GPS time began; the first is {GPS_EPOCH.isoformat()}.")
     return (moment - GPS_EPOCH).total_seconds()
+
+
+def gps_dates(time_gps_s: ArrayLike) -> pd.DatetimeIndex:
+    """Dates in GPS time of seconds since 1980-01-06 (...,) [s]; missing where there is no number."""
+    return pd.DatetimeIndex(pd.Timestamp(GPS_EPOCH) + pd.to_timedelta(np.asarray(time_gps_s, float), unit="s"))
 
 
 def gmst_rad(time_gps_s: ArrayLike) -> NDArray[np.float64]:
