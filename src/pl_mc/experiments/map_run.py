@@ -16,7 +16,9 @@ from pl_mc.faults import ramps
 from pl_mc.geometry import Geometry
 from pl_mc.report.figures import method_label, save_figure
 from pl_mc.report.map_figures import map_figure
-from pl_mc.report.text import markdown_table, rate_text
+from pl_mc.report.text import event_text, markdown_table
+
+MAPPED = ("alarm", "missed", "misleading")
 
 
 class RampSizes(Strict):
@@ -57,7 +59,7 @@ def run(experiment: MapExperiment, folder: Path, *, progress: bool | None) -> tu
     by_place.to_parquet(folder / "by_epoch_satellite.parquet", index=False, compression="zstd")
     write_table(by_satellite, folder, "by_satellite")
     write_table(by_bias, folder, "by_bias")
-    for event in ("alarm", "missed", "misleading"):
+    for event in MAPPED:
         figure = map_figure(by_place, event=event, alert=alert, title=experiment.title)
         save_figure(figure, folder, f"map_{event}")
     # A satellite that is out of view at some epochs is no news on a map that shows it.
@@ -74,14 +76,10 @@ def _summary(experiment: MapExperiment, g: Geometry, by_bias: pd.DataFrame, by_s
         for value, group in table.sort_values(key, kind="stable").groupby(key, sort=False):
             cells = [f"{value:g}" if key == "bias_m" else str(value)]
             for row in group.itertuples():
-                cells += [
-                    rate_text(row.alarms, row.draws, row.alarm_low, row.alarm_high),
-                    rate_text(row.missed, row.draws, row.missed_low, row.missed_high),
-                    rate_text(row.misleading, row.draws, row.misleading_low, row.misleading_high),
-                ]
+                cells += [event_text(row, event) for event in MAPPED]
             rows.append(cells)
         header = ["bias [m]" if key == "bias_m" else key]
-        header += [f"{event}, {m}" for m in methods for event in ("alarm", "missed", "misleading")]
+        header += [f"{event}, {m}" for m in methods for event in MAPPED]
         tables += [markdown_table(header, rows), ""]
     lines = [
         f"# {experiment.title}",

@@ -23,7 +23,7 @@ from pl_mc.input_errors import InputError
 from pl_mc.report.figures import save_figure
 from pl_mc.report.rate_figures import ramp_figure
 from pl_mc.report.satellite_figures import realisation_figure, satellite_figure
-from pl_mc.report.text import markdown_table, percent, rate_text
+from pl_mc.report.text import event_text, markdown_table, percent
 from pl_mc.statistics import fault_free_exceeded, ls_quantities
 from pl_mc.statistics.exact import ls_rates
 
@@ -110,10 +110,7 @@ def _summary(
     for fault, group in ramp.groupby("fault", sort=False):
         cells = [str(fault)]
         for row in group.itertuples():
-            cells += [
-                rate_text(row.alarms, row.draws, row.alarm_low, row.alarm_high),
-                rate_text(row.exceeded, row.draws, row.exceeded_low, row.exceeded_high),
-            ]
+            cells += [event_text(row, "alarm"), event_text(row, "exceeded")]
         rows.append([*cells, f"{percent(exact.alarm_rate[fault])} %", _tiny(exact.exceeded_rate[fault])])
     names = list(dict.fromkeys(ramp.method))
     header = ["fault", *(f"{what}, {m}" for m in names for what in ("alarm", "error > PL")), "alarm, LS exact",
@@ -122,12 +119,7 @@ def _summary(
     for method, group in satellites.groupby("method", sort=False):
         for event in ("alarm", "missed", "misleading"):
             at = group.loc[group[f"{event}_rate"].idxmax()]
-            count = {"alarm": "alarms"}.get(event, event)
-            seen = int(at[count])
-            place = at.fault if seen else "any"
-            worst.append(
-                [method, event, place, rate_text(seen, int(at.draws), at[f"{event}_low"], at[f"{event}_high"])]
-            )
+            worst.append([method, event, at.fault if at[f"{event}_rate"] else "any", event_text(at, event)])
     dof = int(g.satellite_count - g.unknown_count)
     lines = [
         f"# {experiment.title}",

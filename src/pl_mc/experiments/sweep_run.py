@@ -18,7 +18,7 @@ from pl_mc.geometry import Geometry, redundancy_numbers
 from pl_mc.input_errors import InputError, nearest
 from pl_mc.report.figures import method_label, save_figure
 from pl_mc.report.rate_figures import ramp_figure, rates_by_fault_figure
-from pl_mc.report.text import markdown_table, metres, rate_text
+from pl_mc.report.text import event_text, markdown_table, metres
 from pl_mc.statistics.exact import ls_rates
 
 # Draws whose protection levels are kept one by one, for medians and quantiles.
@@ -176,9 +176,7 @@ def _summary(experiment: SweepExperiment, g: Geometry, total: pd.DataFrame, exac
     for fault, group in total.groupby("fault", sort=False):
         cells = [str(fault)]
         for row in group.itertuples():
-            for count_name, event in (("alarms", "alarm"), ("missed", "missed"), ("misleading", "misleading")):
-                low, high = getattr(row, f"{event}_low"), getattr(row, f"{event}_high")
-                cells.append(rate_text(int(getattr(row, count_name)), int(row.draws), low, high))
+            cells += [event_text(row, event) for event in ("alarm", "missed", "misleading")]
         rows.append([*cells, f"{100 * exact_alarm[fault]:.4g} %"])
     lines = [
         f"# {experiment.title}",

@@ -37,7 +37,8 @@ def error_figure(table: pd.DataFrame, *, alert: AlertLimits, title: str) -> Figu
     limit_line(axes[3], alert.vertical_m, f"VAL {alert.vertical_m:g} m")
     top = float(np.nanmax([alert.vertical_m * 1.15, min(np.nanmax(table.vpl_m), 4 * alert.vertical_m)]))
     axes[3].set(xlabel="epoch", ylim=(0, top))
-    axes[0].legend(loc="upper right", ncols=3)
+    handles, labels = axes[0].get_legend_handles_labels()
+    figure.legend(handles, labels, loc="outside upper right", ncols=len(labels))
     return figure
 
 

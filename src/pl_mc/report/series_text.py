@@ -9,7 +9,7 @@ import pandas as pd
 
 from pl_mc.alert import AlertLimits
 from pl_mc.report.figures import method_label
-from pl_mc.report.text import markdown_table, metres, percent, rate_text
+from pl_mc.report.text import markdown_table, metres, percent, rate_text, share_text
 from pl_mc.report.zhao2021 import PaperSeries, oddities, paper_table_text, statistic_label
 from pl_mc.statistics.intervals import clopper_pearson
 
@@ -137,13 +137,11 @@ def _alarm_table(report: SeriesReport) -> str:
             beyond = group.available & (group.up_m.abs() > group.vpl_m)
             unalerted = (group.up_m.abs() > report.alert.vertical_m) & ~group.alarm
             cells: list[object] = [where, _short(str(method)), len(group), int((~group.available).sum())]
-            for seen in (group.alarm, beyond, unalerted):
-                count = int(seen.sum())
-                low, high = clopper_pearson(count, len(group))
-                cells.append(f"{count}: {rate_text(count, len(group), float(low), float(high))}")
+            cells += [share_text(seen) for seen in (group.alarm, beyond, unalerted)]
             rows.append([*cells, metres(group.vpl_m.median()), metres(group.vpl_m.max())])
     header = [
-        "epochs", "method", "number", "unavailable", "alarms", "|U| > VPL", "|U| > VAL, no alarm", "median VPL [m]",
+        "epochs", "method", "number", "unavailable", "alarms", "U beyond VPL", "U beyond VAL, no alarm",
+        "median VPL [m]",
         "largest VPL [m]",
     ]  # fmt: skip
     return markdown_table(header, rows)
