@@ -22,7 +22,7 @@ def map_figure(rates: pd.DataFrame, *, event: str, alert: AlertLimits, title: st
     """The rate of one event by epoch and faulted satellite, averaged over the ramp.
 
     Args:
-        rates: ``epoch, satellite, method, draws`` and ``<event>_rate``.
+        rates: ``epoch, satellite, method, draws``, ``<event>_rate`` and ``<event>_high``.
         event: ``alarm``, ``missed`` or ``misleading``.
         alert: alert limits.
         title: heading.
@@ -32,7 +32,9 @@ def map_figure(rates: pd.DataFrame, *, event: str, alert: AlertLimits, title: st
     figure, axes = new_figure(
         len(methods), 1, width_in=9.0, height_in=1.0 + (1.0 + 0.115 * len(satellites)) * len(methods), sharex=True
     )
-    figure.suptitle(f"{title}: {event}, mean over the biases; VAL {alert.vertical_m:g} m", x=0.01, ha="left")
+    figure.suptitle(
+        f"{title}: {_MEANING[event]}, mean over the biases; VAL {alert.vertical_m:g} m", x=0.01, ha="left"
+    )
     column = f"{event}_rate"
     floor = 0.5 / rates.draws.max()
     norm = Normalize(0.0, 1.0) if event == "alarm" else LogNorm(floor, max(float(rates[column].max()), 10 * floor))
@@ -55,7 +57,9 @@ def map_figure(rates: pd.DataFrame, *, event: str, alert: AlertLimits, title: st
         panel.grid(visible=False)
         panel.set_yticks(np.arange(len(satellites)), satellites, fontsize=6)
         panel.invert_yaxis()
-        panel.set_title(method_label(method) + ("" if np.nanmax(values) > 0 else ": none seen anywhere"))
+        bound = f"none seen, below {part[f'{event}_high'].max():.2g} in each cell (95 % bound)"
+        panel.set_title(method_label(method) + ("" if np.nanmax(values) > 0 else f": {bound}"))
     axes[-1].set_xlabel("epoch" + ("" if event == "alarm" else "; grey: in view, none seen"))
-    figure.colorbar(image, ax=axes, label=_MEANING[event], pad=0.01)
+    if rates[column].max() > 0:
+        figure.colorbar(image, ax=axes, label=_MEANING[event], pad=0.01)
     return figure
