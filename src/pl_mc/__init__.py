@@ -11,14 +11,14 @@ from typing import TYPE_CHECKING, Any
 if TYPE_CHECKING:
     from pl_mc import kernels, methods
     from pl_mc.alert import APV_I, APV_II, LPV_200, AlertLimits
-    from pl_mc.engine import sample, solve, sweep
+    from pl_mc.engine import detect, sample, solve, sweep
     from pl_mc.error_models import error_model
     from pl_mc.faults import Faults, biases, no_fault, ramp, ramps
     from pl_mc.geometry import Geometry, simulate
     from pl_mc.input_errors import InputError
     from pl_mc.methods import Igg3 as igg3
     from pl_mc.methods import Ls as ls
-    from pl_mc.statistics import exact
+    from pl_mc.statistics import exact, reliability
 
 __version__ = "0.1.0"
 
@@ -32,6 +32,7 @@ _PUBLIC = {
     "Geometry": ("pl_mc.geometry", "Geometry"),
     "InputError": ("pl_mc.input_errors", "InputError"),
     "biases": ("pl_mc.faults", "biases"),
+    "detect": ("pl_mc.engine", "detect"),
     "error_model": ("pl_mc.error_models", "error_model"),
     "exact": ("pl_mc.statistics.exact", None),
     "igg3": ("pl_mc.methods", "Igg3"),
@@ -41,6 +42,7 @@ _PUBLIC = {
     "no_fault": ("pl_mc.faults", "no_fault"),
     "ramp": ("pl_mc.faults", "ramp"),
     "ramps": ("pl_mc.faults", "ramps"),
+    "reliability": ("pl_mc.statistics", "reliability"),
     "sample": ("pl_mc.engine", "sample"),
     "simulate": ("pl_mc.geometry", "simulate"),
     "solve": ("pl_mc.engine", "solve"),
@@ -57,6 +59,7 @@ __all__ = [
     "InputError",
     "__version__",
     "biases",
+    "detect",
     "error_model",
     "exact",
     "igg3",
@@ -66,6 +69,7 @@ __all__ = [
     "no_fault",
     "ramp",
     "ramps",
+    "reliability",
     "sample",
     "simulate",
     "solve",

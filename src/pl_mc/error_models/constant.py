@@ -20,7 +20,8 @@ from pl_mc.input_errors import InputError
 class Constant:
     """A variance by class of orbit.
 
-    GPS and the BeiDou satellites in medium and inclined orbits are the figures of the paper. It leaves geostationary
+    GPS and the BeiDou satellites in medium and inclined orbits are the figures of the paper. It leaves
+    geostationary
     satellites out for their larger orbit error: ours is theirs times (1.0 / 0.6)^2, the ratio of equation 3 of Zhao
     et al. (2021). Galileo is treated as GPS and GLONASS as BeiDou, as in that equation's models.
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable
 from dataclasses import dataclass
 
-from pl_mc.experiments import map_run, observe_run, readings_run, satellite_ramp_run, series_run, sweep_run
+from pl_mc.experiments import guo_run, map_run, observe_run, readings_run, satellite_ramp_run, series_run, sweep_run
 from pl_mc.experiments.common import Experiment
 
 
@@ -23,6 +23,7 @@ class Kind:
 
 
 KINDS: dict[str, Kind] = {
+    "guo": Kind(guo_run.GuoExperiment, guo_run.run),
     "map": Kind(map_run.MapExperiment, map_run.run),
     "readings": Kind(readings_run.ReadingsExperiment, readings_run.run),
     "satellite-ramps": Kind(satellite_ramp_run.SatelliteRampExperiment, satellite_ramp_run.run),

@@ -1,0 +1,177 @@
+"""Detection: how often each test finds a fault, at its nominal threshold and at equal measured false-alarm rates.
+
+Three stretches of noise that never meet: the one that `pl_mc.sweep` uses for power, one that finds thresholds, one
+that measures false alarms with them. A threshold that was found on the draws it is judged by would flatter itself.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+import pandas as pd
+from numpy.typing import NDArray
+
+from pl_mc.alert import LPV_200
+from pl_mc.detectors.base import Detector
+from pl_mc.engine.checks import notes_on_faults, require_inputs
+from pl_mc.engine.detect_runs import (
+    LEVELS,
+    MOST_DRAWS,
+    calibrate,
+    checked_options,
+    defined_at,
+    power_counts,
+    verdicts_on,
+)
+from pl_mc.faults import Faults
+from pl_mc.geometry.record import Geometry
+from pl_mc.input_errors import InputError, require_whole
+from pl_mc.statistics.intervals import clopper_pearson
+
+
+def detect(
+    g: Geometry,
+    faults: Faults,
+    *,
+    tests: Sequence[str | Detector] = ("chi2", "mean_check"),
+    draws: int,
+    seed: int,
+    p_fa: float = 0.01,
+    calibration_draws: int = 100_000,
+    precision: str = "float64",
+    workers: int | None = None,
+    progress: bool | None = None,
+) -> pd.DataFrame:
+    """How often each test detects each fault, and whether it names the faulted satellite.
+
+    The noise of each satellite has the sigma of the geometry, which also makes the weights. All tests and faults
+    see the same noise, that of `pl_mc.sweep` with the same seed.
+
+    Args:
+        g: one epoch or a series.
+        faults: bias vectors, from `ramp`, `biases` or `no_fault`.
+        tests: names (``chi2``, ``mean_check``) or records of `pl_mc.detectors`.
+        draws: noise draws for each fault at each epoch.
+        seed: chooses the noise, 0 to 2^32 - 1. The same seed gives the same counts.
+        p_fa: nominal false-alarm probability, which the second level also calibrates to.
+        calibration_draws: fault-free draws at each epoch that find the thresholds of equal false-alarm rate, and as
+            many more, independent of them and of the faulted draws, that measure each test's false-alarm rate.
+        precision, workers, progress: as for `pl_mc.sweep`.
+
+    Returns:
+        One row per epoch, test, level and fault: ``epoch`` (for a series alone), ``test, reading, level, fault,
+        bias_m, draws, detections, detection_rate, low, high`` (95 % Clopper-Pearson), ``identified_rate``
+        (detected, and the suspect is a faulted satellite; missing without a fault), ``threshold, p_fa_nominal,
+        p_fa_measured, p_fa_low, p_fa_high``. ``level`` is ``nominal`` (the test's own threshold, whose real
+        false-alarm rate may be another) or ``equal_p_fa``: the order statistic of the fault-free statistics whose
+        expected false-alarm rate is k / (calibration_draws + 1) with the largest k that keeps it at or below
+        ``p_fa``. Detection rates of different tests may be compared at the second level alone. ``reading`` is the
+        test's reading with further options that are not the default. A statistic that is always zero never detects
+        at either level.
+
+        An epoch at which a test is not defined gives no row; ``table.attrs["notes"]`` says where and why.
+
+    Raises:
+        InputError: bad options, faults of another geometry, or a single epoch at which one of the tests is not
+            defined; the others can then be asked for without it.
+    """
+    require_inputs(g, faults, LPV_200)
+    options = checked_options(tests, p_fa, seed, precision, workers, progress)
+    draws = require_whole(draws, field="draws", low=1, high=MOST_DRAWS)
+    series = g.as_series()
+    defined, notes = defined_at(g, options.tests)
+    applies = faults.applies(g)
+    width = int(applies.sum(axis=1).max(initial=1))
+    order = np.argsort(~applies, axis=1, kind="stable")[:, :width]
+    given = np.take_along_axis(applies, order, axis=1)
+    bias = faults.bias_m[order[:, :, None], series.satellite[:, None, :]]
+    bias_m = np.where(given[:, :, None] & series.in_view[:, None, :], bias, 0.0)
+
+    calibration = calibrate(series, options, draws=calibration_draws, defined=defined)
+    counts = power_counts(series, bias_m, given, calibration.thresholds, options, draws=draws)
+    place, slot, test, level = np.nonzero(
+        np.broadcast_to(
+            given[:, :, None, None] & defined[:, None, :, None], (*given.shape, len(options.tests), len(LEVELS))
+        )
+    )
+    fault = order[place, slot]
+    columns: dict[str, object] = {"epoch": series.epoch[place]} if g.is_series else {}
+    seen, right = counts[place, slot, test, level].T
+    low, high = clopper_pearson(seen, draws)
+    biased = (faults.bias_m != 0).any(axis=1)[fault]
+    columns |= {
+        "test": np.array([t.test for t in options.tests], dtype=object)[test],
+        "reading": np.array([t.label for t in options.tests], dtype=object)[test],
+        "level": np.array(LEVELS, dtype=object)[level],
+        "fault": np.array(faults.labels, dtype=object)[fault],
+        "bias_m": faults.scalar_bias_m[fault],
+        "draws": np.full(place.size, draws, dtype=np.int64),
+        "detections": seen,
+        "detection_rate": seen / draws,
+        "low": low,
+        "high": high,
+        "identified_rate": np.where(biased, right / draws, np.nan),
+        "threshold": calibration.thresholds[place, test, level],
+        "p_fa_nominal": np.full(place.size, options.p_fa),
+    }
+    alarms = calibration.false_alarms[place, test, level]
+    columns |= dict(zip(("p_fa_low", "p_fa_high"), clopper_pearson(alarms, calibration.draws), strict=True))
+    columns["p_fa_measured"] = alarms / calibration.draws
+    table = pd.DataFrame(columns)
+    table.insert(list(table).index("p_fa_low"), "p_fa_measured", table.pop("p_fa_measured"))
+    table = table.iloc[np.lexsort((fault, level, test, place))].reset_index(drop=True)
+    table.attrs["notes"] = [*notes, *notes_on_faults(g, faults)]
+    return table
+
+
+def examine(
+    g: Geometry,
+    errors_m: NDArray[np.float64],
+    *,
+    tests: Sequence[str | Detector] = ("chi2", "mean_check"),
+    p_fa: float = 0.01,
+    precision: str = "float64",
+) -> pd.DataFrame:
+    """What each test says of given pseudorange errors, epoch by epoch, such as those of a real receiver.
+
+    Args:
+        g: one epoch or a series.
+        errors_m: (n,) or (epochs, n), observed minus true pseudoranges in the rows of ``g`` [m].
+        tests, p_fa, precision: as for `detect`.
+
+    Returns:
+        One row per epoch and test that is defined there: ``epoch, test, reading, statistic, threshold, decision,
+        suspect`` (name of the satellite), ``error_m`` (its estimated error). ``table.attrs["notes"]`` says where a
+        test is not defined.
+
+    Raises:
+        InputError: as for `detect`, and errors of another shape or that are not finite.
+    """
+    options = checked_options(tests, p_fa, 0, precision, None, False)
+    series = g.as_series()
+    errors = np.asarray(errors_m, dtype=float).reshape(-1, series.design.shape[1])
+    if errors.shape != series.sigma_m.shape:
+        raise InputError(f"errors_m: the shape {series.sigma_m.shape} is needed, not {np.shape(errors_m)}.")
+    if not np.isfinite(errors[series.in_view]).all():
+        raise InputError("errors_m: the error of every satellite in view is a finite number of metres.")
+    defined, notes = defined_at(g, options.tests)
+    names = np.array(g.names, dtype=object)
+    parts = []
+    for k, (test, found) in enumerate(zip(options.tests, verdicts_on(series, errors, options), strict=True)):
+        kept = np.flatnonzero(defined[:, k])
+        suspect = series.satellite[kept, found.satellite[kept]]
+        columns = {
+            "epoch": series.epoch[kept],
+            "test": test.test,
+            "reading": test.label,
+            "statistic": found.statistic[kept],
+            "threshold": found.threshold[kept],
+            "decision": found.decision[kept],
+            "suspect": names[suspect],
+            "error_m": found.error_m[kept],
+        }
+        parts.append(pd.DataFrame(columns))
+    table = pd.concat(parts).sort_values("epoch", kind="stable").reset_index(drop=True)
+    table.attrs["notes"] = list(notes)
+    return table

@@ -1,0 +1,127 @@
+"""The jitted part of detection: statistics of fault-free noise, counts under faults, verdicts on given errors."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import jax
+import jax.numpy as jnp
+from jax import Array
+
+from pl_mc.detectors.base import Detector, Verdict
+from pl_mc.engine.core import EpochBatch, each_fault
+from pl_mc.engine.noise import LANES, epoch_key, unit_noise
+from pl_mc.kernels import LinearModel, Start, linear_model, start_from
+
+Tests = tuple[Detector, ...]
+
+
+@jax.tree_util.register_dataclass
+@dataclass(frozen=True)
+class TestBatch:
+    """The epochs of one call.
+
+    Attributes:
+        epochs: geometry, biases and epoch numbers.
+        system: (e, n), place of each row's system in `pl_mc.detectors.base.SYSTEM_LETTERS`; -1 on padding.
+    """
+
+    __test__ = False
+
+    epochs: EpochBatch
+    system: Array
+
+
+def fault_free_statistics(
+    batch: TestBatch, seed: Array, first_block: Array, *, tests: Tests, p_fa: float, blocks: int
+) -> tuple[Array, Array]:
+    """(e, tests, blocks LANES), the statistics of noise alone; and (e, tests), the nominal thresholds."""
+
+    def one_epoch(one: TestBatch) -> tuple[Array, Array]:
+        model, prepared = _prepare(one, tests, p_fa)
+        key = epoch_key(seed, one.epochs.epoch)
+
+        def one_block(block: Array) -> tuple[Array, Array]:
+            noise = unit_noise(key, block, model.design.shape[0], model.design.dtype)
+            start = _start(model, noise)
+            verdicts = [test.examine(model, p, start) for test, p in zip(tests, prepared, strict=True)]
+            return jnp.stack([v.statistic for v in verdicts]), jnp.stack([v.threshold for v in verdicts])
+
+        found, thresholds = jax.lax.map(one_block, first_block + jnp.arange(blocks, dtype=jnp.int32))
+        return jnp.moveaxis(found, 0, 1).reshape(len(tests), blocks * LANES), thresholds[0]
+
+    return jax.lax.map(one_epoch, batch)
+
+
+def count_detections(
+    batch: TestBatch,
+    seed: Array,
+    first_block: Array,
+    full_blocks: Array,
+    remainder: Array,
+    thresholds: Array,
+    *,
+    tests: Tests,
+    p_fa: float,
+    blocks: int,
+) -> Array:
+    """(e, f, tests, levels, 2), how often each test was above each threshold, and suspected a faulted satellite.
+
+    Blocks count as for `pl_mc.engine.core.count_events`, from ``first_block`` on: those with a number below
+    ``full_blocks`` whole, that one with ``remainder`` draws, later ones not at all.
+
+    Args:
+        thresholds: (e, tests, levels).
+    """
+    levels = thresholds.shape[-1]
+
+    def one_epoch(parts: tuple[TestBatch, Array]) -> Array:
+        one, limits = parts
+        model, prepared = _prepare(one, tests, p_fa)
+        key = epoch_key(seed, one.epochs.epoch)
+
+        def add_block(total: Array, block: Array) -> tuple[Array, None]:
+            live = (block < full_blocks) | (
+                (block == full_blocks) & (jnp.arange(LANES, dtype=jnp.int32) < remainder)
+            )
+
+            def count(start: Start, bias_m: Array) -> Array:
+                counts = []
+                for k, (test, p) in enumerate(zip(tests, prepared, strict=True)):
+                    verdict = test.examine(model, p, start)
+                    above = (verdict.statistic > limits[k, :, None]) & live
+                    right = above & (bias_m != 0)[verdict.satellite]
+                    counts.append(jnp.stack([above, right], axis=1).sum(axis=-1, dtype=jnp.int32))
+                return jnp.stack(counts)
+
+            noise = unit_noise(key, block, model.design.shape[0], model.design.dtype)
+            nothing = jnp.zeros((len(tests), levels, 2), jnp.int32)
+            return total + each_fault(model, one.epochs, noise, count, skipped=nothing), None
+
+        none = jnp.zeros((one.epochs.bias_m.shape[0], len(tests), levels, 2), jnp.int32)
+        return jax.lax.scan(add_block, none, first_block + jnp.arange(blocks, dtype=jnp.int32))[0]
+
+    return jax.lax.map(one_epoch, (batch, thresholds))
+
+
+def examine_errors(batch: TestBatch, errors_m: Array, *, tests: Tests, p_fa: float) -> list[Verdict]:
+    """The verdict of each test on given pseudorange errors (e, n) [m]; leading axis (e,)."""
+
+    def one_epoch(parts: tuple[TestBatch, Array]) -> list[Verdict]:
+        one, errors = parts
+        model, prepared = _prepare(one, tests, p_fa)
+        start = start_from(model, errors)
+        return [test.examine(model, p, start) for test, p in zip(tests, prepared, strict=True)]
+
+    return jax.lax.map(one_epoch, (batch, errors_m))
+
+
+def _prepare(one: TestBatch, tests: Tests, p_fa: float) -> tuple[LinearModel, list]:
+    model = linear_model(one.epochs.design, one.epochs.sigma_m, one.epochs.in_view)
+    return model, [test.prepare(model, one.system, p_fa) for test in tests]
+
+
+def _start(model: LinearModel, noise: Array) -> Start:
+    """The least-squares start of noise in units of sigma (n, lanes)."""
+    sigma = jnp.where(model.weight_root > 0, 1.0 / jnp.where(model.weight_root > 0, model.weight_root, 1.0), 0.0)
+    return start_from(model, noise * sigma[:, None])

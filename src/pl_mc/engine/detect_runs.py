@@ -1,0 +1,310 @@
+"""Runs of the detection core over many epochs: calibration of thresholds, counts of detections, verdicts.
+
+Work is cut into calls of one shape, so that each jitted function compiles once, and given to a few threads. No
+count depends on the number of threads or on how the work was cut.
+"""
+
+from __future__ import annotations
+
+import math
+import os
+from collections import Counter
+from collections.abc import Callable, Sequence
+from concurrent.futures import ThreadPoolExecutor
+from dataclasses import dataclass
+from typing import TypeVar
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+from numpy.typing import NDArray
+
+from pl_mc.detectors.base import SYSTEM_LETTERS, Detector, Verdict, View
+from pl_mc.detectors.registry import as_detectors
+from pl_mc.engine.checks import LARGEST_SEED
+from pl_mc.engine.core import EpochBatch
+from pl_mc.engine.detect_core import (
+    TestBatch,
+    count_detections,
+    examine_errors,
+    fault_free_statistics,
+)
+from pl_mc.engine.noise import LANES
+from pl_mc.engine.precision import dtype_of, precision_scope
+from pl_mc.engine.progress import with_progress
+from pl_mc.geometry.record import Geometry
+from pl_mc.input_errors import InputError, require_number, require_whole
+from pl_mc.statistics.least_squares import ls_quantities
+
+FloatArray = NDArray[np.float64]
+Result = TypeVar("Result")
+
+NOMINAL, EQUAL_P_FA = "nominal", "equal_p_fa"
+LEVELS = (NOMINAL, EQUAL_P_FA)
+
+# First blocks of the noise that finds thresholds and of the noise that measures them; power starts at block 0.
+_CALIBRATION_BLOCK = 2**29
+_CHECK_BLOCK = 2**30
+MOST_DRAWS = _CALIBRATION_BLOCK * LANES
+
+# Statistics that a call may hold at once, and draws times faults that it may count.
+_STATISTICS_PER_CALL = 2**21
+_SCENARIOS_PER_CALL = 2**20
+
+_statistics = jax.jit(fault_free_statistics, static_argnames=("tests", "p_fa", "blocks"))
+_count = jax.jit(count_detections, static_argnames=("tests", "p_fa", "blocks"))
+_examine = jax.jit(examine_errors, static_argnames=("tests", "p_fa"))
+
+
+@dataclass(frozen=True)
+class Options:
+    """What stays the same in all calls of one analysis: tests, nominal P_FA, seed, precision, threads, progress."""
+
+    tests: tuple[Detector, ...]
+    p_fa: float
+    seed: int
+    precision: str
+    workers: int
+    progress: bool | None
+
+
+@dataclass(frozen=True)
+class Calibration:
+    """Thresholds of each test at each epoch and the false alarms measured with them.
+
+    Attributes:
+        thresholds: (e, tests, 2), by `LEVELS`; NaN where a test is not defined.
+        false_alarms: (e, tests, 2), fault-free draws above them, of ``draws`` draws.
+        draws: draws at each epoch behind each count; as many others found each threshold of the second level.
+    """
+
+    thresholds: FloatArray
+    false_alarms: NDArray[np.int64]
+    draws: int
+
+
+def checked_options(
+    tests: Sequence[str | Detector],
+    p_fa: float,
+    seed: int,
+    precision: str = "float64",
+    workers: int | None = None,
+    progress: bool | None = False,
+) -> Options:
+    """The options after a check of each; an `InputError` names the one that cannot be used."""
+    if not 0.0 < require_number(p_fa, field="p_fa") < 1.0:
+        raise InputError(f"p_fa: it lies between 0 and 1, both excluded, not {p_fa!r}.")
+    dtype_of(precision)
+    return Options(
+        tests=as_detectors(tests),
+        p_fa=float(p_fa),
+        seed=require_whole(seed, field="seed", low=0, high=LARGEST_SEED),
+        precision=precision,
+        workers=_cores() if workers is None else require_whole(workers, field="workers", low=1),
+        progress=progress,
+    )
+
+
+def defined_at(g: Geometry, tests: tuple[Detector, ...]) -> tuple[NDArray[np.bool_], tuple[str, ...]]:
+    """(e, tests), where each test is defined, and a sentence for each reason why one is not.
+
+    Raises:
+        InputError: a single epoch at which a test is not defined, or a series at which one never is.
+    """
+    series = g.as_series()
+    defined = np.ones((len(series), len(tests)), dtype=bool)
+    views = _views(series)
+    notes = []
+    for k, test in enumerate(tests):
+        reasons: Counter[str] = Counter()
+        for place, view in enumerate(views):
+            reason = test.reason_against(view)
+            if reason is not None:
+                defined[place, k] = False
+                reasons[reason] += 1
+        others = [other.name for other in tests if other is not test and _some(other, views)]
+        if not defined[:, k].any():
+            first = reasons.most_common(1)[0][0]
+            where = "defined at no epoch of the series" if g.is_series else "not defined at this epoch"
+            hint = f"; without it there is {' and '.join(others)}" if others else ""
+            raise InputError(f"test {test.name}: it is {where}: {first}{hint}.")
+        notes += [
+            f"{test.name} is not defined at {count} of {len(series)} epochs, which give no row: {reason}."
+            for reason, count in reasons.items()
+        ]
+    return defined, tuple(notes)
+
+
+def calibrate(
+    series: Geometry, options: Options, *, draws: int, defined: NDArray[np.bool_] | None = None
+) -> Calibration:
+    """Thresholds at each epoch, nominal and of equal false-alarm rate, and the false alarms measured with them.
+
+    The second threshold is the k-th largest of ``draws`` fault-free statistics, k = floor(p_fa (draws + 1)): a
+    further draw is above it with probability k / (draws + 1) on average, whatever the distribution.
+
+    Raises:
+        InputError: fewer draws than one expected false alarm needs.
+    """
+    draws = require_whole(draws, field="calibration_draws", low=1, high=MOST_DRAWS)
+    rank = math.floor(options.p_fa * (draws + 1) * (1 + 1e-12))
+    if rank < 1:
+        raise InputError(
+            f"calibration_draws: {draws} draws cannot place a threshold of P_FA {options.p_fa:g}; at least "
+            f"{math.ceil(1 / options.p_fa) - 1} are needed."
+        )
+    tests = len(options.tests)
+    blocks = math.ceil(draws / LANES)
+    blocks_per_call = min(blocks, max(1, _STATISTICS_PER_CALL // (tests * LANES)))
+    epochs_per_call = max(1, _STATISTICS_PER_CALL // (tests * LANES * blocks))
+
+    def one_call(places: NDArray[np.int64]) -> FloatArray:
+        batch = _batch(series, places, options)
+        parts = [
+            jax.tree.map(
+                np.asarray,
+                _statistics(
+                    batch, np.uint32(options.seed), np.int32(_CALIBRATION_BLOCK + first),
+                    tests=options.tests, p_fa=options.p_fa, blocks=blocks_per_call,
+                ),
+            )
+            for first in range(0, blocks, blocks_per_call)
+        ]  # fmt: skip
+        statistics, nominal = np.concatenate([part[0] for part in parts], axis=-1)[..., :draws], parts[0][1]
+        calibrated = np.partition(statistics, draws - rank, axis=-1)[..., draws - rank]
+        return np.stack([nominal, calibrated], axis=-1).astype(float)
+
+    found = _over_epochs(one_call, len(series), epochs_per_call, options, what="Thresholds")
+    thresholds = np.concatenate(found)[: len(series)]
+    if defined is not None:
+        thresholds = np.where(defined[:, :, None], thresholds, np.nan)
+    none = np.zeros((len(series), 1, series.sigma_m.shape[1]))
+    alarms = power_counts(
+        series, none, np.ones((len(series), 1), bool), thresholds, options, draws=draws, first_block=_CHECK_BLOCK
+    )
+    return Calibration(thresholds, alarms[:, 0, :, :, 0], draws)
+
+
+def power_counts(
+    series: Geometry,
+    bias_m: FloatArray,
+    applies: NDArray[np.bool_],
+    thresholds: FloatArray,
+    options: Options,
+    *,
+    draws: int,
+    first_block: int = 0,
+) -> NDArray[np.int64]:
+    """(e, f, tests, levels, 2), detections, and those of them whose suspect is faulted.
+
+    Args:
+        series: e epochs.
+        bias_m: (e, f, n), bias vectors over the rows of each epoch [m]; applies: (e, f), which of them count.
+        thresholds: (e, tests, levels).
+        draws: noise draws at each epoch, the same for all faults; first_block: where their noise begins.
+    """
+    faults = bias_m.shape[1]
+    blocks = math.ceil(draws / LANES)
+    blocks_at_most = max(1, _SCENARIOS_PER_CALL // (faults * LANES))
+    blocks_per_call = min(blocks, blocks_at_most)
+    epochs_per_call = max(1, blocks_at_most // blocks)
+
+    def one_call(places: NDArray[np.int64]) -> NDArray[np.int64]:
+        batch = _batch(series, places, options, bias_m, applies)
+        limits = jnp.asarray(thresholds[places], dtype_of(options.precision))
+        total = np.zeros((len(places), faults, *thresholds.shape[1:], 2), dtype=np.int64)
+        for first in range(0, blocks, blocks_per_call):
+            total += np.asarray(
+                _count(
+                    batch, np.uint32(options.seed), np.int32(first_block + first),
+                    np.int32(first_block + draws // LANES), np.int32(draws % LANES), limits,
+                    tests=options.tests, p_fa=options.p_fa, blocks=blocks_per_call,
+                )
+            )  # fmt: skip
+        return total
+
+    found = _over_epochs(one_call, len(series), epochs_per_call, options, what="Detections")
+    return np.concatenate(found)[: len(series)]
+
+
+def verdicts_on(series: Geometry, errors_m: FloatArray, options: Options) -> list[Verdict]:
+    """The verdict of each test on errors (e, n) [m], with NumPy arrays of a leading axis (e,)."""
+    with precision_scope(options.precision):
+        batch = _batch(series, np.arange(len(series)), options)
+        errors = jnp.asarray(np.where(series.in_view, errors_m, 0.0), dtype_of(options.precision))
+        found = _examine(batch, errors, tests=options.tests, p_fa=options.p_fa)
+        return jax.tree.map(np.asarray, found)
+
+
+def system_places(series: Geometry) -> NDArray[np.int32]:
+    """(e, n), place of each row's system in `SYSTEM_LETTERS`; -1 on padding."""
+    places = np.array([SYSTEM_LETTERS.index(letter) for letter in series.systems], dtype=np.int32)
+    return np.where(series.in_view, places[series.satellite], np.int32(-1)).astype(np.int32)
+
+
+def _batch(
+    series: Geometry,
+    places: NDArray[np.int64],
+    options: Options,
+    bias_m: FloatArray | None = None,
+    applies: NDArray[np.bool_] | None = None,
+) -> TestBatch:
+    """The arrays of one call, made in the precision scope in which it runs."""
+    dtype = dtype_of(options.precision)
+    shape = (len(places), 1, series.sigma_m.shape[1])
+    return TestBatch(
+        epochs=EpochBatch(
+            design=jnp.asarray(series.design[places], dtype),
+            sigma_m=jnp.asarray(series.sigma_m[places], dtype),
+            in_view=jnp.asarray(series.in_view[places]),
+            bias_m=jnp.asarray(np.zeros(shape) if bias_m is None else bias_m[places], dtype),
+            applies=jnp.asarray(np.ones(shape[:2], bool) if applies is None else applies[places]),
+            epoch=jnp.asarray(series.epoch[places], np.uint32),
+        ),
+        system=jnp.asarray(system_places(series)[places]),
+    )
+
+
+def _over_epochs(
+    run: Callable[[NDArray[np.int64]], Result], epochs: int, per_call: int, options: Options, *, what: str
+) -> list[Result]:
+    """``run`` of equally many epochs at a time, in order; the last call repeats the last epoch to be as long."""
+    per_call = math.ceil(epochs / math.ceil(epochs / per_call))
+    calls = [np.minimum(np.arange(k, k + per_call), epochs - 1) for k in range(0, epochs, per_call)]
+
+    def scoped(places: NDArray[np.int64]) -> Result:
+        with precision_scope(options.precision):
+            return run(places)
+
+    # The first call compiles; the others find the compiled function.
+    first = scoped(calls[0])
+    if options.workers == 1 or len(calls) == 1:
+        rest = [scoped(c) for c in with_progress(calls[1:], total=len(calls) - 1, what=what, show=options.progress)]
+        return [first, *rest]
+    with ThreadPoolExecutor(options.workers) as pool:
+        results = pool.map(scoped, calls[1:])
+        return [first, *with_progress(results, total=len(calls) - 1, what=what, show=options.progress)]
+
+
+def _views(series: Geometry) -> list[View]:
+    """What each epoch offers."""
+    quantities = ls_quantities(series)
+    system = system_places(series)
+    counts = np.stack([(system == k).sum(axis=1) for k in range(len(SYSTEM_LETTERS))], axis=1)
+    return [
+        View(
+            counts={letter: int(n) for letter, n in zip(SYSTEM_LETTERS, counts[e], strict=True) if n},
+            redundancies=int(quantities.dof[e]),
+            determined=bool(~np.isnan(quantities.vdop_m[e])),
+        )
+        for e in range(len(series))
+    ]
+
+
+def _some(test: Detector, views: Sequence[View]) -> bool:
+    return any(test.reason_against(view) is None for view in views)
+
+
+def _cores() -> int:
+    """Cores that this process may use."""
+    return len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
