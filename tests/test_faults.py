@@ -104,7 +104,10 @@ def test_faults_are_immutable(g):
         (lambda g: pl_mc.biases(g, {"G02": np.inf}), "bias of G02: a finite number is needed"),
         (lambda g: pl_mc.ramp(g, satellite="G02", start_m=0, stop_m=10, step_m=0), "ramp: from 0 m to 10 m"),
         (lambda g: pl_mc.ramp(g, satellite="G02", start_m=0, stop_m=10, step_m=-1), "has to lead from the start"),
-        (lambda g: pl_mc.ramp(g, satellite="G02", start_m=0, stop_m=np.inf, step_m=1), "ramp: stop_m: a finite number is needed"),
+        (
+            lambda g: pl_mc.ramp(g, satellite="G02", start_m=0, stop_m=np.inf, step_m=1),
+            "ramp: stop_m: a finite number is needed",
+        ),
         (lambda g: pl_mc.ramps(g, satellites=[], start_m=0, stop_m=1, step_m=1), "at least one fault is needed"),
         (lambda g: Faults.from_array(g, np.zeros((2, 9))), "rows of 10 biases are needed, not shape .2, 9."),
         (lambda g: Faults.from_array(g, np.zeros((1, 2, 10))), "rows of 10 biases are needed"),
