@@ -172,9 +172,9 @@ def detection_figure(detection: pd.DataFrame, *, title: str) -> Figure:
         if level == "equal_p_fa":
             panel.yaxis.tick_right()
         panel.set(xlabel="detection rate", xlim=(-0.02, 1.02), ylim=(len(labels) - 0.5, -0.5))
-        # A title wider than its panel would push the panels apart.
         panel.set_title("nominal thresholds, unequal P_FA" if level == "nominal" else "equal P_FA")
-    axes[0].legend(loc="upper center", bbox_to_anchor=(1.1, -0.12), ncols=4)
+    # A legend of the figure: one of a panel would widen that panel's share of it.
+    figure.legend(*axes[0].get_legend_handles_labels(), loc="outside lower center", ncols=4)
     return figure
 
 
