@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import numpy as np
+from numpy.typing import ArrayLike, NDArray
 
 from pl_mc.alert import AlertLimits
 from pl_mc.engine.noise import LANES
@@ -37,6 +38,23 @@ def require_inputs(g: Geometry, faults: Faults, alert: AlertLimits) -> None:
             f"faults: use ramp, biases or no_fault to make faults; {type(faults).__name__} is none of them."
         )
     faults.require_geometry(g)
+
+
+def require_errors(g: Geometry, errors_m: ArrayLike) -> NDArray[np.float64]:
+    """(epochs, n), pseudorange errors in the rows of ``g`` as a series, zero on padding [m].
+
+    Raises:
+        InputError: numbers of another shape than ``g.sigma_m``, or not finite for a satellite in view.
+    """
+    try:
+        errors = np.asarray(errors_m, dtype=float)
+    except (TypeError, ValueError) as error:
+        raise InputError(f"errors_m: it cannot be read as an array of numbers ({error}).") from None
+    if errors.shape != g.sigma_m.shape:
+        raise InputError(f"errors_m: the shape {g.sigma_m.shape} is needed, not {errors.shape}.")
+    if not np.isfinite(errors[g.in_view]).all():
+        raise InputError("errors_m: the error of every satellite in view is a finite number of metres.")
+    return np.atleast_2d(np.where(g.in_view, errors, 0.0))
 
 
 def notes_on_faults(g: Geometry, faults: Faults) -> tuple[str, ...]:

@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 
 from pl_mc.alert import LPV_200
 from pl_mc.detectors.base import Detector
-from pl_mc.engine.checks import notes_on_faults, require_inputs
+from pl_mc.engine.checks import notes_on_faults, require_errors, require_geometry_and_alert, require_inputs
 from pl_mc.engine.detect_runs import (
     LEVELS,
     MOST_DRAWS,
@@ -26,7 +26,7 @@ from pl_mc.engine.detect_runs import (
 )
 from pl_mc.faults import Faults
 from pl_mc.geometry.record import Geometry
-from pl_mc.input_errors import InputError, require_whole
+from pl_mc.input_errors import require_whole
 from pl_mc.statistics.intervals import clopper_pearson
 
 
@@ -149,12 +149,8 @@ def examine(
         InputError: as for `detect`, and errors of another shape or that are not finite.
     """
     options = checked_options(tests, p_fa, 0, precision, None, False)
-    series = g.as_series()
-    errors = np.asarray(errors_m, dtype=float).reshape(-1, series.design.shape[1])
-    if errors.shape != series.sigma_m.shape:
-        raise InputError(f"errors_m: the shape {series.sigma_m.shape} is needed, not {np.shape(errors_m)}.")
-    if not np.isfinite(errors[series.in_view]).all():
-        raise InputError("errors_m: the error of every satellite in view is a finite number of metres.")
+    require_geometry_and_alert(g, LPV_200)
+    series, errors = g.as_series(), require_errors(g, errors_m)
     defined, notes = defined_at(g, options.tests)
     names = np.array(g.names, dtype=object)
     parts = []

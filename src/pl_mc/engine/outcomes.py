@@ -14,7 +14,13 @@ from jax import Array
 from numpy.typing import NDArray
 
 from pl_mc.alert import LPV_200, AlertLimits
-from pl_mc.engine.checks import LARGEST_DRAWS, LARGEST_SEED, require_geometry_and_alert, require_inputs
+from pl_mc.engine.checks import (
+    LARGEST_DRAWS,
+    LARGEST_SEED,
+    require_errors,
+    require_geometry_and_alert,
+    require_inputs,
+)
 from pl_mc.engine.core import block_outcomes
 from pl_mc.engine.events import alarms
 from pl_mc.engine.noise import LANES
@@ -22,7 +28,7 @@ from pl_mc.engine.plan import Chunk, make_plan
 from pl_mc.engine.precision import dtype_of, precision_scope
 from pl_mc.faults import Faults
 from pl_mc.geometry.record import EAST, NORTH, UP, Geometry
-from pl_mc.input_errors import InputError, require_whole
+from pl_mc.input_errors import require_whole
 from pl_mc.kernels import linear_model, start_from
 from pl_mc.methods import Method, Outcome, as_methods
 
@@ -113,18 +119,9 @@ def solve(
         available, alarm``. Numbers are missing where a method is not available.
     """
     require_geometry_and_alert(g, alert)
-    try:
-        errors = np.asarray(errors_m, dtype=float)
-    except (TypeError, ValueError) as error:
-        raise InputError(f"errors_m: it cannot be read as an array of numbers ({error}).") from None
-    if errors.shape != g.sigma_m.shape:
-        raise InputError(f"errors_m: the shape {g.sigma_m.shape} is needed, not {errors.shape}.")
-    series, errors = g.as_series(), np.atleast_2d(errors)
-    if not np.isfinite(errors[series.in_view]).all():
-        raise InputError("errors_m: the error of every satellite in view is a finite number of metres.")
+    series, errors = g.as_series(), require_errors(g, errors_m)
     chosen = as_methods(methods)
     dtype = dtype_of(precision)
-    errors = np.where(series.in_view, errors, 0.0)
     with precision_scope(precision):
         found = _solve_series(
             series.design.astype(dtype), series.sigma_m.astype(dtype), series.in_view, errors.astype(dtype), chosen
