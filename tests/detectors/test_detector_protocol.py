@@ -17,7 +17,7 @@ NAMES = sorted(DETECTORS)
 
 def geometry(seed: int = 1):
     g = random_geometry(np.random.default_rng(seed), counts=(8, 9))
-    # The third constellation of the helper's letters stands for BeiDou here.
+    # The third constellation of the random skies stands for BeiDou here.
     return dataclasses.replace(
         g, systems=tuple("G" * 8 + "C" * 9), names=tuple(f"{'G' if k < 8 else 'C'}{k + 1:02d}" for k in range(17)),
         clocks=("G", "C"),
