@@ -84,6 +84,8 @@ def test_unknown_names_and_options_are_refused() -> None:
         (lambda: as_detectors(()), "at least one test"),
         (lambda: as_detectors(("chi2", "chi2")), "asked for twice"),
         (lambda: as_detectors((3,)), "3 is no test"),
+        (lambda: as_detectors(None), "tests: a sequence of tests is needed"),
+        (lambda: as_detectors((Chi2,)), "is no test"),
         (lambda: Chi2("posterior"), "chi2.reading"),
     ):
         with pytest.raises(InputError, match=words):

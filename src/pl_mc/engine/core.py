@@ -15,7 +15,7 @@ import jax.numpy as jnp
 from jax import Array
 
 from pl_mc.engine.events import EVENTS, events
-from pl_mc.engine.noise import LANES, epoch_key, unit_noise
+from pl_mc.engine.noise import epoch_key, live_lanes, unit_noise
 from pl_mc.kernels import LinearModel, Start, linear_model
 from pl_mc.kernels.linear_model import product
 from pl_mc.methods.base import Method, Outcome
@@ -57,16 +57,14 @@ def count_events(
     """(e, f, methods, events), how often each event of `EVENTS` happened in ``blocks`` blocks of noise (int32).
 
     Blocks below ``full_blocks`` count whole, the block of that number counts its first ``remainder`` draws, later
-    ones do not count. (A draw number would not fit an int32.)
+    ones do not count.
     """
 
     def count_epoch(one: EpochBatch) -> Array:
         model, prepared = _prepare(one, methods)
 
         def add_block(total: Array, block: Array) -> tuple[Array, None]:
-            live = (block < full_blocks) | (
-                (block == full_blocks) & (jnp.arange(LANES, dtype=jnp.int32) < remainder)
-            )
+            live = live_lanes(block, full_blocks, remainder)
 
             def count(outcomes: list[Outcome]) -> Array:
                 seen = jnp.stack([events(outcome, vertical_m) for outcome in outcomes])

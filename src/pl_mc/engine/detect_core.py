@@ -10,7 +10,7 @@ from jax import Array
 
 from pl_mc.detectors.base import Detector, Verdict
 from pl_mc.engine.core import EpochBatch, each_fault
-from pl_mc.engine.noise import LANES, epoch_key, unit_noise
+from pl_mc.engine.noise import LANES, epoch_key, live_lanes, unit_noise
 from pl_mc.kernels import LinearModel, Start, linear_model, start_from
 
 Tests = tuple[Detector, ...]
@@ -81,9 +81,7 @@ def count_detections(
         key = epoch_key(seed, one.epochs.epoch)
 
         def add_block(total: Array, block: Array) -> tuple[Array, None]:
-            live = (block < full_blocks) | (
-                (block == full_blocks) & (jnp.arange(LANES, dtype=jnp.int32) < remainder)
-            )
+            live = live_lanes(block, full_blocks, remainder)
 
             def count(start: Start, bias_m: Array) -> Array:
                 counts = []

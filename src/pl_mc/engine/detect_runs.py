@@ -7,10 +7,8 @@ count depends on the number of threads or on how the work was cut.
 from __future__ import annotations
 
 import math
-import os
 from collections import Counter
 from collections.abc import Callable, Sequence
-from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
 from typing import TypeVar
 
@@ -32,6 +30,7 @@ from pl_mc.engine.detect_core import (
 from pl_mc.engine.noise import LANES
 from pl_mc.engine.precision import dtype_of, precision_scope
 from pl_mc.engine.progress import with_progress
+from pl_mc.engine.threads import cores, in_order
 from pl_mc.geometry.record import Geometry
 from pl_mc.input_errors import InputError, require_number, require_whole
 from pl_mc.statistics.least_squares import ls_quantities
@@ -100,7 +99,7 @@ def checked_options(
         p_fa=float(p_fa),
         seed=require_whole(seed, field="seed", low=0, high=LARGEST_SEED),
         precision=precision,
-        workers=_cores() if workers is None else require_whole(workers, field="workers", low=1),
+        workers=cores() if workers is None else require_whole(workers, field="workers", low=1),
         progress=progress,
     )
 
@@ -276,14 +275,8 @@ def _over_epochs(
         with precision_scope(options.precision):
             return run(places)
 
-    # The first call compiles; the others find the compiled function.
-    first = scoped(calls[0])
-    if options.workers == 1 or len(calls) == 1:
-        rest = [scoped(c) for c in with_progress(calls[1:], total=len(calls) - 1, what=what, show=options.progress)]
-        return [first, *rest]
-    with ThreadPoolExecutor(options.workers) as pool:
-        results = pool.map(scoped, calls[1:])
-        return [first, *with_progress(results, total=len(calls) - 1, what=what, show=options.progress)]
+    results = in_order(scoped, calls, options.workers)
+    return [found for _, found in with_progress(results, total=len(calls), what=what, show=options.progress)]
 
 
 def _views(series: Geometry) -> list[View]:
@@ -303,8 +296,3 @@ def _views(series: Geometry) -> list[View]:
 
 def _some(test: Detector, views: Sequence[View]) -> bool:
     return any(test.reason_against(view) is None for view in views)
-
-
-def _cores() -> int:
-    """Cores that this process may use."""
-    return len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1

@@ -7,6 +7,7 @@ A draw is found by seed, epoch number, block and lane, whatever was computed bef
 from __future__ import annotations
 
 import jax
+import jax.numpy as jnp
 from jax import Array
 
 # Draws per block. Part of the definition of the noise: another width gives other draws.
@@ -16,6 +17,14 @@ LANES = 256
 def epoch_key(seed: Array, epoch: Array) -> Array:
     """The key of one epoch's noise."""
     return jax.random.fold_in(jax.random.key(seed, impl="threefry2x32"), epoch)
+
+
+def live_lanes(block: Array, full_blocks: Array, remainder: Array) -> Array:
+    """(LANES,), which draws of a block count: all below ``full_blocks``, the first ``remainder`` of that one.
+
+    Blocks and lanes are compared apart, since a draw number would not fit an int32.
+    """
+    return (block < full_blocks) | ((block == full_blocks) & (jnp.arange(LANES, dtype=jnp.int32) < remainder))
 
 
 def unit_noise(key: Array, block: Array, rows: int, dtype: jax.typing.DTypeLike) -> Array:

@@ -2,10 +2,7 @@
 
 from __future__ import annotations
 
-import os
-from collections import deque
-from collections.abc import Callable, Iterator, Sequence
-from concurrent.futures import Future, ThreadPoolExecutor
+from collections.abc import Sequence
 
 import jax
 import jax.numpy as jnp
@@ -18,16 +15,15 @@ from pl_mc.engine.checks import LARGEST_DRAWS, LARGEST_SEED, notes_on_faults, re
 from pl_mc.engine.core import count_events
 from pl_mc.engine.events import EVENTS
 from pl_mc.engine.noise import LANES
-from pl_mc.engine.plan import Chunk, Plan, make_plan
+from pl_mc.engine.plan import Chunk, make_plan
 from pl_mc.engine.precision import dtype_of, precision_scope
 from pl_mc.engine.progress import with_progress
 from pl_mc.engine.table import rate_table
+from pl_mc.engine.threads import cores, in_order
 from pl_mc.faults import Faults
 from pl_mc.geometry.record import Geometry
 from pl_mc.input_errors import require_whole
 from pl_mc.methods import Method, as_methods
-
-Run = Callable[[Chunk], NDArray[np.int32]]
 
 _count_events = jax.jit(count_events, static_argnames=("methods", "blocks"))
 
@@ -71,7 +67,7 @@ def sweep(
     require_inputs(g, faults, alert)
     draws = require_whole(draws, field="draws", low=1, high=LARGEST_DRAWS)
     seed = require_whole(seed, field="seed", low=0, high=LARGEST_SEED)
-    threads = _cores() if workers is None else require_whole(workers, field="workers", low=1)
+    threads = cores() if workers is None else require_whole(workers, field="workers", low=1)
     chosen = as_methods(methods)
     dtype = dtype_of(precision)
     plan = make_plan(g, faults, draws)
@@ -92,39 +88,11 @@ def sweep(
 
     shape = (len(plan.epochs), plan.fault_index.shape[1], len(chosen), len(EVENTS))
     total = np.zeros(shape, dtype=np.int64)
-    results = with_progress(_in_threads(run, plan, threads), total=plan.chunk_count, what="Sweep", show=progress)
+    results = with_progress(
+        in_order(run, plan.chunks(), threads), total=plan.chunk_count, what="Sweep", show=progress
+    )
     for chunk, counts in results:
         total[chunk.first_epoch : chunk.stop_epoch] += counts[: chunk.stop_epoch - chunk.first_epoch]
     table = rate_table(plan, total, [method.name for method in chosen], draws)
     table.attrs["notes"] = list(notes_on_faults(g, faults))
     return table
-
-
-def _in_threads(run: Run, plan: Plan, threads: int) -> Iterator[tuple[Chunk, NDArray[np.int32]]]:
-    """Results of every chunk, in order, computed by a few threads that stay little ahead of the reader."""
-    chunks = plan.chunks()
-    if threads == 1 or plan.chunk_count <= 1:
-        for chunk in chunks:
-            yield chunk, run(chunk)
-        return
-    # The first call compiles; the others find the compiled function.
-    first = next(chunks)
-    yield first, run(first)
-    pool = ThreadPoolExecutor(threads)
-    waiting: deque[tuple[Chunk, Future]] = deque()
-    try:
-        for chunk in chunks:
-            waiting.append((chunk, pool.submit(run, chunk)))
-            if len(waiting) > 2 * threads:
-                done, future = waiting.popleft()
-                yield done, future.result()
-        while waiting:
-            done, future = waiting.popleft()
-            yield done, future.result()
-    finally:
-        pool.shutdown(cancel_futures=True)
-
-
-def _cores() -> int:
-    """Cores that this process may use."""
-    return len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1

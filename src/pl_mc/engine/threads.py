@@ -1,0 +1,46 @@
+"""Calls of one compiled function, shared among a few threads."""
+
+from __future__ import annotations
+
+import os
+from collections import deque
+from collections.abc import Callable, Iterable, Iterator
+from concurrent.futures import Future, ThreadPoolExecutor
+from typing import TypeVar
+
+Item = TypeVar("Item")
+Result = TypeVar("Result")
+
+
+def in_order(run: Callable[[Item], Result], items: Iterable[Item], threads: int) -> Iterator[tuple[Item, Result]]:
+    """Each item with its result, in order, computed by a few threads that stay little ahead of the reader.
+
+    A reader that stops, by Ctrl-C for one, waits for the calls that run and for none that waits.
+    """
+    rest = iter(items)
+    # The first call compiles; the others find the compiled function.
+    for item in rest:
+        yield item, run(item)
+        break
+    if threads == 1:
+        for item in rest:
+            yield item, run(item)
+        return
+    waiting: deque[tuple[Item, Future[Result]]] = deque()
+    pool = ThreadPoolExecutor(threads)
+    try:
+        for item in rest:
+            waiting.append((item, pool.submit(run, item)))
+            if len(waiting) > 2 * threads:
+                done, future = waiting.popleft()
+                yield done, future.result()
+        while waiting:
+            done, future = waiting.popleft()
+            yield done, future.result()
+    finally:
+        pool.shutdown(cancel_futures=True)
+
+
+def cores() -> int:
+    """Cores that this process may use."""
+    return len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
