@@ -1,19 +1,13 @@
-"""The written-out Cholesky factor: NumPy's factor, solutions and inverses, and a flag instead of a NaN."""
+"""Cholesky factor and elimination: NumPy's factor, solutions and inverses, and a flag instead of a NaN."""
 
 from __future__ import annotations
 
 import jax
+import jax.numpy as jnp
 import numpy as np
 import pytest
 
-from pl_mc.kernels.small_matrix import (
-    cholesky,
-    inverse_columns,
-    inverse_diagonal_element,
-    lower_triangle,
-    solve,
-    sum_of_squares,
-)
+from pl_mc.kernels.small_matrix import cholesky, eliminate, inverse_columns, lower_triangle, solve
 
 FLOOR = 1e-10
 
@@ -48,8 +42,14 @@ def test_factor_solution_and_inverse(t):
     inverse = np.linalg.inv(matrices)
     columns = inverse_columns(factor)
     for k in range(t):
-        np.testing.assert_allclose(inverse_diagonal_element(factor, k), inverse[:, k, k], rtol=1e-11)
-        np.testing.assert_allclose(sum_of_squares(columns[k]), inverse[:, k, k], rtol=1e-11)
+        np.testing.assert_allclose(np.sum(np.stack(columns[k]) ** 2, axis=0), inverse[:, k, k], rtol=1e-11)
+
+    sides = np.stack([right, np.ones_like(right)], axis=1)
+    found, regular = eliminate(
+        jnp.asarray(pack(matrices)), jnp.asarray(sides), jnp.full(t, FLOOR), jnp.asarray(True)
+    )
+    np.testing.assert_allclose(np.einsum("lij,jkl->ikl", matrices, found), sides, atol=1e-11)
+    assert np.all(regular)
 
 
 def test_singular_lanes_are_flagged_and_finite():
@@ -61,11 +61,22 @@ def test_singular_lanes_are_flagged_and_finite():
     np.testing.assert_array_equal(factor.regular, [True, False, False, False])
     found = [*factor.lower.values(), *factor.inverse_diagonal, *solve(factor, np.ones((4, 4)))]
     assert all(np.isfinite(value).all() for value in found)
+    for go in (True, False):
+        solution, regular = eliminate(
+            jnp.asarray(pack(matrices)), jnp.ones((4, 1, 4)), jnp.full(4, FLOOR), jnp.asarray(go)
+        )
+        assert np.isfinite(solution).all()
+        if go:
+            np.testing.assert_array_equal(regular, [True, False, False, False])
 
 
 def test_the_floor_is_the_smallest_pivot_that_serves():
     packed = np.array([[4.0, 4.0], [0.0, 0.0], [2.0, np.nextafter(2.0, 0)]])
-    np.testing.assert_array_equal(cholesky(packed, np.array([4.0, 2.0])).regular, [True, False])
+    floor = np.array([4.0, 2.0])
+    np.testing.assert_array_equal(cholesky(packed, floor).regular, [True, False])
+    right = jnp.ones((2, 1, 2))
+    regular = eliminate(jnp.asarray(packed), right, jnp.asarray(floor), jnp.asarray(True))[1]
+    np.testing.assert_array_equal(regular, [True, False])
 
 
 def test_a_single_matrix_needs_no_lanes():
@@ -80,5 +91,9 @@ def test_gradients_of_a_singular_matrix_are_finite():
     def first_element(packed):
         return solve(cholesky(packed, np.full(3, FLOOR)), np.ones(3))[0]
 
-    assert np.isfinite(jax.grad(first_element)(np.zeros(6))).all()
-    assert np.isfinite(jax.grad(first_element)(np.ones(6))).all()
+    def first_eliminated(packed):
+        return eliminate(packed, jnp.ones((3, 1)), jnp.full(3, FLOOR), jnp.asarray(True))[0][0, 0]
+
+    for function in (first_element, first_eliminated):
+        assert np.isfinite(jax.grad(function)(jnp.zeros(6))).all()
+        assert np.isfinite(jax.grad(function)(jnp.ones(6))).all()

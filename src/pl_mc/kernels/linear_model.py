@@ -35,8 +35,10 @@ class LinearModel:
         design: (n, t), design rows divided by sigma [1/m].
         weight_root: (n,), 1 / sigma [1/m]; zero on padding.
         in_view: (n,), 1 where the row is a satellite, else 0.
-        products: (t (t + 1) / 2, n), products of pairs of design columns [1/m^2]: N of any weights is one matrix
-            product with these.
+        design_rows: (t, n), the same design with unknowns first: a matrix product runs faster over rows.
+        mask_row: (1, n), ``in_view`` as a matrix.
+        products: (t (t + 1) / 2 + 1, n), products of pairs of design columns [1/m^2] and the mask: N of any weights,
+            and their sum, is one matrix product with these.
         gain: (t, n), N^-1 A' P^(1/2): the least-squares state is this times the whitened observations [m].
         cofactor: (t,), diagonal of N^-1 [m^2].
         redundancy: (n,), redundancy numbers, the diagonal of I - A N^-1 A' P; zero on padding.
@@ -51,6 +53,8 @@ class LinearModel:
     design: Array
     weight_root: Array
     in_view: Array
+    design_rows: Array
+    mask_row: Array
     products: Array
     gain: Array
     cofactor: Array
@@ -96,7 +100,9 @@ def linear_model(design: Array, sigma_m: Array, in_view: Array | None = None) ->
         design=whitened,
         weight_root=weight_root,
         in_view=mask,
-        products=products,
+        design_rows=whitened.T,
+        mask_row=mask[None],
+        products=jnp.concatenate([products, mask[None]]),
         gain=gain,
         cofactor=cofactor,
         redundancy=redundancy,

@@ -16,15 +16,8 @@ from jax import Array
 
 from pl_mc.input_errors import require_choice, require_whole
 from pl_mc.kernels.estimate import Estimate, Start, safe_sqrt
-from pl_mc.kernels.linear_model import LinearModel, add_empty, per_lane, product, redundancy_floor
-from pl_mc.kernels.small_matrix import (
-    Cholesky,
-    cholesky,
-    inverse_columns,
-    inverse_diagonal_element,
-    lower_triangle,
-    solve,
-)
+from pl_mc.kernels.linear_model import COORDINATES, LinearModel, add_empty, per_lane, product, redundancy_floor
+from pl_mc.kernels.small_matrix import cholesky, eliminate, inverse_columns, lower_triangle
 from pl_mc.kernels.weights import Igg3Weight, WeightFunction
 
 SCALES = ("posterior_floored", "apriori", "posterior", "mad", "mad_floored")
@@ -68,9 +61,16 @@ class IrlsOptions:
 @jax.tree_util.register_dataclass
 @dataclass(frozen=True)
 class _Iterate:
-    """Residuals (n, ...) [sigma], shift from the least-squares state (t, ...) [m], V'P_bar V and status (...)."""
+    """One solution of the iteration, about the least-squares one.
 
-    residuals: Array
+    Attributes:
+        fit: (n, ...), what its state changes in the whitened residuals [sigma].
+        shift: (t, ...), its state minus that of least squares [m].
+        square_sum: (...), V'P_bar V.
+        determined: (...), whether this solution and all before it are.
+    """
+
+    fit: Array
     shift: Array
     square_sum: Array
     determined: Array
@@ -80,11 +80,11 @@ def irls(model: LinearModel, start: Start, options: IrlsOptions) -> Estimate:
     """The reweighted estimate that starts from least squares.
 
     A scenario is undetermined as soon as one of its solutions is: fewer than t + 1 satellites with w > 0, or a
-    Cholesky pivot below 1e-10 of that of the fault-free N.
+    pivot below 1e-10 of that of the fault-free N.
     """
     shape = start.square_sum.shape
     first = _Iterate(
-        residuals=start.residuals,
+        fit=jnp.zeros_like(start.residuals),
         shift=jnp.zeros_like(start.state),
         square_sum=start.square_sum,
         determined=jnp.broadcast_to(model.available, shape),
@@ -92,15 +92,15 @@ def irls(model: LinearModel, start: Start, options: IrlsOptions) -> Estimate:
 
     def step(carry: tuple[_Iterate, Array], _: None) -> tuple[tuple[_Iterate, Array], None]:
         iterate, weights = carry
-        weights = _weights(model, iterate, weights, options)
+        weights = _weights(model, start, iterate, weights, options)
         return (_solve_weighted(model, start, weights, iterate.determined)[0], weights), None
 
-    # The last solve stands outside the loop, since only its normal matrix is needed for the cofactors.
+    # The last solution stands outside the loop, since it alone is asked for its cofactors.
     (before, weights), _ = jax.lax.scan(
         step, (first, jnp.ones_like(start.residuals)), None, length=options.iterations - 1
     )
-    weights = _weights(model, before, weights, options)
-    last, factor = _solve_weighted(model, start, weights, before.determined)
+    weights = _weights(model, start, before, weights, options)
+    last, cofactor = _solve_weighted(model, start, weights, before.determined, cofactors=COORDINATES)
 
     kept = _kept(model, weights)
     if options.redundancy == "all":
@@ -111,11 +111,10 @@ def irls(model: LinearModel, start: Start, options: IrlsOptions) -> Estimate:
         freedom = jnp.sum(weights * per_lane(model.in_view, weights), axis=0) - model.unknowns
     available = last.determined & (freedom > 0)
     unit_error = safe_sqrt(last.square_sum / jnp.where(available, freedom, 1.0))
-    cofactor = jnp.stack([inverse_diagonal_element(factor, axis) for axis in range(3)])
     sigma = 1.0 / jnp.where(model.weight_root > 0, model.weight_root, 1.0)
     return Estimate(
         state=jnp.where(available, start.state + last.shift, jnp.inf),
-        residuals_m=-last.residuals * per_lane(sigma * model.in_view, weights),
+        residuals_m=(last.fit - start.residuals) * per_lane(sigma * model.in_view, weights),
         weights=weights,
         unit_error=jnp.where(available, unit_error, jnp.inf),
         cofactor_m2=jnp.where(available, cofactor, jnp.inf),
@@ -130,30 +129,44 @@ def _kept(model: LinearModel, weights: Array) -> Array:
 
 
 def _solve_weighted(
-    model: LinearModel, start: Start, weights: Array, determined: Array
-) -> tuple[_Iterate, Cholesky]:
-    """One weighted solution about the least-squares one (Zhao et al. 2021, eq 6)."""
-    packed = add_empty(product(model.products, weights), model.empty)
-    weighted = weights * start.residuals
-    factor = cholesky(packed, model.pivot_floor)
-    shift = jnp.stack(solve(factor, product(model.design.T, weighted)))
-    residuals = start.residuals - product(model.design, shift)
-    enough = _kept(model, weights) >= model.unknowns + 1
+    model: LinearModel, start: Start, weights: Array, determined: Array, *, cofactors: int = 0
+) -> tuple[_Iterate, Array]:
+    """One weighted solution about the least-squares one (Zhao et al. 2021, eq 6), and its first ``cofactors``."""
+    sums = product(model.products, weights)
+    right = product(model.design_rows, weights * start.residuals)[:, None]
+    if cofactors:
+        unit = jnp.eye(right.shape[0], cofactors, dtype=right.dtype)
+        unit = unit.reshape(unit.shape + (1,) * (right.ndim - 2))
+        right = jnp.concatenate([right, jnp.broadcast_to(unit, unit.shape[:2] + right.shape[2:])], axis=1)
+    solved, regular = eliminate(add_empty(sums[:-1], model.empty), right, model.pivot_floor, model.available)
+    shift = solved[:, 0]
+    fit = product(model.design, shift)
+    residuals = start.residuals - fit
     iterate = _Iterate(
-        residuals=residuals,
+        fit=fit,
         shift=shift,
-        square_sum=jnp.sum(weights * residuals * residuals, axis=0),
-        determined=determined & factor.regular & enough,
+        square_sum=product(model.mask_row, weights * residuals * residuals)[0],
+        determined=determined & regular & _enough(model, weights, sums[-1]),
     )
-    return iterate, factor
+    return iterate, jnp.stack([solved[k, 1 + k] for k in range(cofactors)]) if cofactors else solved[:0, 0]
 
 
-def _weights(model: LinearModel, iterate: _Iterate, weights: Array, options: IrlsOptions) -> Array:
+def _enough(model: LinearModel, weights: Array, weight_sum: Array) -> Array:
+    """Whether at least t + 1 satellites have w > 0; they need counting only where all weights add up to less."""
+    needed = model.unknowns + 1
+    return jax.lax.cond(
+        jnp.all(weight_sum >= needed),
+        lambda: jnp.ones(weight_sum.shape, bool),
+        lambda: _kept(model, weights) >= needed,
+    )
+
+
+def _weights(model: LinearModel, start: Start, iterate: _Iterate, weights: Array, options: IrlsOptions) -> Array:
     """Weight factors from the residuals of an iterate; ``weights`` are those that produced it."""
-    size = jnp.abs(iterate.residuals) * _inverse_residual_sigma(model, weights, options)
+    size = jnp.abs(start.residuals - iterate.fit) * _inverse_residual_sigma(model, weights, options)
     scale = _scale(model, iterate, size, options)
     # A perfect fit leaves no scale; it is undetermined or exact, and any finite number serves.
-    return options.weight(size / jnp.where(scale > 0, scale, 1.0)[None])
+    return options.weight(size * (1.0 / jnp.where(scale > 0, scale, 1.0))[None])
 
 
 def _scale(model: LinearModel, iterate: _Iterate, size: Array, options: IrlsOptions) -> Array:
@@ -184,7 +197,7 @@ def _inverse_residual_sigma(model: LinearModel, weights: Array, options: IrlsOpt
     if options.cofactor == "fault_free":
         return fault_free
     t = model.design.shape[1]
-    factor = cholesky(add_empty(product(model.products, weights), model.empty), model.pivot_floor)
+    factor = cholesky(add_empty(product(model.products[:-1], weights), model.empty), model.pivot_floor)
     columns = inverse_columns(factor)
     inverse = jnp.stack(
         [
@@ -193,6 +206,6 @@ def _inverse_residual_sigma(model: LinearModel, weights: Array, options: IrlsOpt
             for row, column in lower_triangle(t)
         ]
     )
-    variance = 1.0 - product(model.products.T, inverse)
+    variance = 1.0 - product(model.products[:-1].T, inverse)
     usable = (variance > redundancy_floor(variance.dtype)) & (fault_free > 0)
     return jnp.where(usable, jax.lax.rsqrt(jnp.where(usable, variance, 1.0)), fault_free)

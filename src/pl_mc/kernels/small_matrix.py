@@ -1,4 +1,4 @@
-"""Cholesky factors of small symmetric matrices, written out element by element.
+"""Small symmetric matrices: Cholesky factors element by element, and elimination for batches of scenarios.
 
 A matrix is a packed list of its lower triangle; each element is an array over scenarios of any shape. No LAPACK
 routine is called: a batch of them deadlocks in jaxlib 0.10 on few cores, and is slow for matrices of this size.
@@ -11,6 +11,7 @@ from typing import NamedTuple
 
 import jax
 import jax.numpy as jnp
+import numpy as np
 from jax import Array
 
 # A pivot below this fraction of the same pivot of the fault-free matrix leaves the solution undetermined; in single
@@ -95,19 +96,42 @@ def inverse_columns(factor: Cholesky) -> list[list[Array]]:
     return [_forward_substitute(factor, [one] + [zero] * (t - 1 - j), start=j) for j in range(t)]
 
 
-def inverse_diagonal_element(factor: Cholesky, index: int) -> Array:
-    """(N^-1)[index, index], the squared length of a column of L^-1."""
-    one = jnp.ones_like(factor.inverse_diagonal[0])
-    unit = [one] + [jnp.zeros_like(one)] * (len(factor.inverse_diagonal) - 1 - index)
-    return sum_of_squares(_forward_substitute(factor, unit, start=index))
+def eliminate(packed: Array, right: Array, floor: Array, go: Array) -> tuple[Array, Array]:
+    """x with N x = right by Gauss-Jordan elimination, without pivoting: N is positive definite or of no use.
 
+    Each stage stands in a conditional. That skips the work where no scenario wants it; above all it keeps a compiler
+    from fusing stages, which would compute the early ones again in every later one.
 
-def sum_of_squares(values: Sequence[Array]) -> Array:
-    """The sum of the squares of a list of arrays."""
-    total = values[0] * values[0]
-    for value in values[1:]:
-        total = total + value * value
-    return total
+    Args:
+        packed: (t (t + 1) / 2, ...), N in the order of `lower_triangle`.
+        right: (t, k, ...), k right-hand sides.
+        floor: (t,), the smallest acceptable pivots, which are those of a Cholesky factor.
+        go: (), whether to solve at all.
+
+    Returns:
+        (t, k, ...), the solutions, and (...), whether every pivot reached its floor and is positive; where not, or
+        without ``go``, the solution is finite but meaningless.
+    """
+    t = floor.shape[0]
+    place = {entry: k for k, entry in enumerate(lower_triangle(t))}
+    full = packed[np.array([[place[max(i, j), min(i, j)] for j in range(t)] for i in range(t)])]
+    table = jnp.concatenate([full, right], axis=1)
+    row_number = jnp.arange(t, dtype=jnp.int32).reshape((t,) + (1,) * (table.ndim - 1))
+    regular = jnp.ones(table.shape[2:], bool)
+    for k in range(t):
+
+        def stage(table: Array, regular: Array, k: int = k) -> tuple[Array, Array]:
+            pivot = table[k, 0]
+            sound = (pivot >= floor[k]) & (pivot > 0)
+            row = table[k, 1:] * (1.0 / jnp.where(sound, pivot, jnp.ones_like(pivot)))
+            rest = table[:, 1:] - table[:, :1] * row[None]
+            return jnp.where(row_number == k, row[None], rest), regular & sound
+
+        def skip(table: Array, regular: Array) -> tuple[Array, Array]:
+            return table[:, 1:], regular
+
+        table, regular = jax.lax.cond(go, stage, skip, table, regular)
+    return table, regular
 
 
 def _forward_substitute(factor: Cholesky, right: Sequence[Array] | Array, *, start: int) -> list[Array]:

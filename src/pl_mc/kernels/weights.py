@@ -36,10 +36,10 @@ class Igg3Weight:
             raise InputError(f"igg3: 0 < k0 < k1 is needed, not k0 = {self.k0!r}, k1 = {self.k1!r}.")
 
     def __call__(self, size: Array) -> Array:
-        fall = (self.k1 - size) * (1.0 / (self.k1 - self.k0))
-        # The maximum keeps the quotient, and its gradient, finite where it is not used.
-        between = self.k0 / jnp.maximum(size, self.k0) * fall * fall
-        return jnp.where(size <= self.k0, jnp.ones_like(size), jnp.where(size <= self.k1, between, 0.0))
+        # One formula for all three pieces: at k0 and below it is one, from k1 on zero.
+        outer = jnp.maximum(size, self.k0)
+        fall = jnp.maximum(1.0 - (outer - self.k0) * (1.0 / (self.k1 - self.k0)), 0.0)
+        return self.k0 / outer * fall * fall
 
 
 @dataclass(frozen=True)
