@@ -12,6 +12,7 @@ import pandas as pd
 import pytest
 
 from pl_mc.cli.main import main
+from pl_mc.engine import plan, task
 from pl_mc.experiments import registry
 
 SMALL = """
@@ -156,7 +157,7 @@ def test_a_place_that_cannot_hold_results_is_refused(folder: Path, capsys: pytes
 def test_an_interrupted_run_leaves_nothing(
     folder: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    def half_way(experiment: object, working: Path, *, progress: bool | None) -> None:
+    def half_way(experiment: object, working: Path, *, execution: object) -> None:
         (working / "rates.csv").write_text("half")
         raise KeyboardInterrupt
 
@@ -166,6 +167,70 @@ def test_an_interrupted_run_leaves_nothing(
     assert stop.value.code == 130
     assert "nothing was written" in capsys.readouterr().err
     assert list((folder / "runs").iterdir()) == []
+
+
+def test_a_stopped_run_goes_on_where_it_was(
+    folder: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Ctrl-C after the second of the parts; what the resumed run counts is what was missing."""
+    # One block of noise for a call: 3,000 draws of 3 faults are 12 calls.
+    monkeypatch.setattr(plan, "SCENARIOS_PER_CALL", 1)
+    monkeypatch.setattr(plan, "CALLS_PER_PART", 3)
+    main(["run", "small.toml", "--draws", "3000", "--out", "whole"])
+    counted: list[int] = []
+    count = task.SweepTask.count
+
+    def stop_after_two_parts(self: task.SweepTask, chunk: plan.Chunk, devices: int = 1) -> object:
+        if len(counted) == 8:
+            raise KeyboardInterrupt
+        counted.append(chunk.first_block)
+        return count(self, chunk, devices)
+
+    monkeypatch.setattr(task.SweepTask, "count", stop_after_two_parts)
+    with pytest.raises(SystemExit) as stop:
+        main(["run", "small.toml", "--draws", "3000", "--out", "again", "--workers", "1"])
+    assert stop.value.code == 130
+    assert "2 finished parts are kept in again.unfinished, --resume goes on" in capsys.readouterr().err
+    assert not (folder / "again").exists()
+
+    assert "--resume goes on with it, --fresh starts anew" in refused(
+        capsys, "run", "small.toml", "--draws", "3000", "--out", "again"
+    )
+    assert "draws: 3000 before, 300 now" in refused(capsys, "run", "small.toml", "--out", "again", "--resume")
+    counted.clear()
+    counted.append(-1)
+    main(["run", "small.toml", "--draws", "3000", "--out", "again", "--resume", "--workers", "1"])
+    assert counted == [-1, *range(6, 12)]
+    assert not (folder / "again.unfinished").exists()
+    for table in ("rates.csv", "levels.csv", "exact.csv"):
+        assert (folder / "again" / table).read_text() == (folder / "whole" / table).read_text()
+
+
+def test_shares_are_merged(
+    folder: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(plan, "SCENARIOS_PER_CALL", 1)
+    monkeypatch.setattr(plan, "CALLS_PER_PART", 3)
+    main(["run", "small.toml", "--draws", "3000", "--out", "whole"])
+    main(["run", "small.toml", "--draws", "3000", "--out", "first", "--shard", "1/3"])
+    assert "Shard 1 of 3: 2 parts are finished" in capsys.readouterr().out
+    main(["run", "small.toml", "--draws", "3000", "--out", "others", "--shard", "2/3"])
+    capsys.readouterr()
+    assert "part 2 of 4" in refused(capsys, "merge", "first", "others", "--out", "merged")
+    main(["run", "small.toml", "--draws", "3000", "--out", "others", "--shard", "3/3"])
+    main(["merge", "first", "others.unfinished", "--out", "merged"])
+    assert (folder / "merged" / "rates.csv").read_text() == (folder / "whole" / "rates.csv").read_text()
+    capsys.readouterr()
+    assert "it holds no parts of a share (a finished run)" in refused(capsys, "merge", "whole", "--out", "merged")
+    main(["run", "small.toml", "--draws", "301", "--out", "strange", "--shard", "1/2"])
+    capsys.readouterr()
+    assert "another experiment" in refused(capsys, "merge", "first", "strange", "--out", "merged")
+
+
+@pytest.mark.parametrize("share", ["0/3", "4/3", "a/3", "3", "1/0", "-1/3"])
+def test_a_share_that_is_none(folder: Path, capsys: pytest.CaptureFixture[str], share: str) -> None:
+    assert "shard" in refused(capsys, "run", "small.toml", f"--shard={share}")
+    assert not (folder / "runs").exists() or list((folder / "runs").iterdir()) == []
 
 
 def test_the_installed_command_sets_its_exit_code(folder: Path) -> None:

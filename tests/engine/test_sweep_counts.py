@@ -110,7 +110,9 @@ def test_every_draw_is_counted_as_the_formulas_say():
         Igg3(iterations=3): lambda *a: reference.igg3(*a, iterations=3),
         Igg3(iterations=3, scale="mad"): lambda *a: reference.igg3(*a, iterations=3, scale="mad"),
     }
-    table = pl_mc.sweep(g, faults, draws=draws, seed=seed, methods=tuple(methods), alert=alert, progress=False)
+    table = pl_mc.sweep(
+        g, faults, draws=draws, seed=seed, methods=tuple(methods), alert=alert, by_epoch=True, progress=False
+    )
     assert len(table) == len(methods) * (3 + 3 + 2)
     for method, solver in methods.items():
         for epoch in range(3):
@@ -138,7 +140,7 @@ def test_single_draws_are_those_that_are_counted():
     draws, seed = LANES + 3, 44
     methods = ("ls", Igg3(iterations=2))
     single = pl_mc.sample(g, faults, draws=draws, seed=seed, methods=methods)
-    table = pl_mc.sweep(g, faults, draws=draws, seed=seed, methods=methods, progress=False)
+    table = pl_mc.sweep(g, faults, draws=draws, seed=seed, methods=methods, by_epoch=True, progress=False)
     assert list(single.columns) == [
         "epoch", "fault", "bias_m", "method", "draw",
         "east_m", "north_m", "up_m", "hpl_m", "vpl_m", "available", "alarm",

@@ -48,7 +48,7 @@ def expected() -> pd.DataFrame:
     """The counts of one uncut call."""
     global EXPECTED
     if EXPECTED is None:
-        EXPECTED = pl_mc.sweep(SERIES, FAULTS, draws=DRAWS, seed=51, methods=METHODS, workers=1)
+        EXPECTED = pl_mc.sweep(SERIES, FAULTS, draws=DRAWS, seed=51, methods=METHODS, by_epoch=True, workers=1)
     return EXPECTED
 
 
@@ -61,8 +61,8 @@ def test_any_cut_and_any_number_of_threads(per_call, workers):
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr(plan, "SCENARIOS_PER_CALL", per_call)
         cut = plan.make_plan(SERIES, FAULTS, DRAWS)
-        assert cut.chunk_count == len(list(cut.chunks()))
-        found = pl_mc.sweep(SERIES, FAULTS, draws=DRAWS, seed=51, methods=METHODS, workers=workers)
+        assert cut.chunk_count == sum(len(list(cut.chunks(part))) for part in range(cut.part_count))
+        found = pl_mc.sweep(SERIES, FAULTS, draws=DRAWS, seed=51, methods=METHODS, by_epoch=True, workers=workers)
     pd.testing.assert_frame_equal(found, expected())
 
 
@@ -83,9 +83,11 @@ def test_an_epoch_alone_counts_as_in_its_series():
         index = [SERIES.names.index(name) for name in one.names]
         kept = [k for k in range(len(FAULTS)) if FAULTS.applies(SERIES)[epoch, k]]
         faults = pl_mc.Faults.from_array(one, FAULTS.bias_m[kept][:, index])
-        found = pl_mc.sweep(one, faults, draws=DRAWS, seed=51, methods=METHODS, workers=1)
+        found = pl_mc.sweep(one, faults, draws=DRAWS, seed=51, methods=METHODS, by_epoch=True, workers=1)
         pd.testing.assert_frame_equal(found, rows.reset_index(drop=True), check_exact=True)
-        part = pl_mc.sweep(SERIES[epoch : epoch + 1], FAULTS, draws=DRAWS, seed=51, methods=METHODS, workers=1)
+        part = pl_mc.sweep(
+            SERIES[epoch : epoch + 1], FAULTS, draws=DRAWS, seed=51, methods=METHODS, by_epoch=True, workers=1
+        )
         pd.testing.assert_frame_equal(part, rows.reset_index(drop=True), check_exact=True)
 
 
@@ -100,7 +102,7 @@ def test_padding_changes_no_count():
         in_view=widened(SERIES.in_view, False),
         satellite=widened(SERIES.satellite, 0),
     )
-    found = pl_mc.sweep(wide, FAULTS, draws=DRAWS, seed=51, methods=METHODS, workers=1)
+    found = pl_mc.sweep(wide, FAULTS, draws=DRAWS, seed=51, methods=METHODS, by_epoch=True, workers=1)
     pd.testing.assert_frame_equal(found, expected())
 
 
@@ -108,13 +110,13 @@ def test_fewer_draws_are_the_first_of_more():
     """The counts of single draws, cut off anywhere, are the counts of a shorter sweep."""
     single = pl_mc.sample(SERIES[:1], FAULTS, draws=DRAWS, seed=51, methods=("ls",))
     for draws in (1, LANES, LANES + 1):
-        table = pl_mc.sweep(SERIES[:1], FAULTS, draws=draws, seed=51, methods=("ls",), workers=1)
+        table = pl_mc.sweep(SERIES[:1], FAULTS, draws=draws, seed=51, methods=("ls",), by_epoch=True, workers=1)
         alarms = single[single["draw"] < draws].groupby("fault", sort=False)["alarm"].sum()
         np.testing.assert_array_equal(table.set_index("fault")["alarms"], alarms[table["fault"]])
 
 
 def test_methods_see_the_same_noise_whoever_else_is_there():
-    alone = pl_mc.sweep(SERIES, FAULTS, draws=DRAWS, seed=51, methods=("ls",), workers=1)
+    alone = pl_mc.sweep(SERIES, FAULTS, draws=DRAWS, seed=51, methods=("ls",), by_epoch=True, workers=1)
     beside = expected()[expected()["method"] == "ls"].reset_index(drop=True)
     pd.testing.assert_frame_equal(alone, beside)
     again = pl_mc.sample(SERIES, FAULTS, draws=9, seed=51, methods=(Ls(), Ls(k_vertical=3.0)))
@@ -123,7 +125,7 @@ def test_methods_see_the_same_noise_whoever_else_is_there():
 
 
 def test_another_seed_gives_other_counts():
-    other = pl_mc.sweep(SERIES, FAULTS, draws=DRAWS, seed=52, methods=METHODS, workers=1)
+    other = pl_mc.sweep(SERIES, FAULTS, draws=DRAWS, seed=52, methods=METHODS, by_epoch=True, workers=1)
     assert (other[COUNTS] != expected()[COUNTS]).any(axis=None)
     # Yet the same rates: differences of two binomial counts within five standard deviations.
     spread = np.sqrt((other["alarms"] + expected()["alarms"]).clip(lower=1))

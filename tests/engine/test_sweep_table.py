@@ -33,7 +33,7 @@ def table(series):
         + pl_mc.biases(series, {"C08": 300.0})
     )
     methods = ("ls", Igg3(iterations=2), Igg3(iterations=2, scale="apriori"))
-    return pl_mc.sweep(series, faults, draws=1000, seed=61, methods=methods)
+    return pl_mc.sweep(series, faults, draws=1000, seed=61, methods=methods, by_epoch=True)
 
 
 def test_columns(table):
@@ -67,6 +67,20 @@ def test_faults_out_of_view_give_no_row_and_a_note(table):
         "G02, C07: out of view at 2 of 4 epochs, which give no row.",
         "C08: out of view at 1 of 4 epochs, which give no row.",
     ]
+
+
+def test_a_series_is_summed_over_its_epochs_unless_asked_otherwise(series, table):
+    faults = pl_mc.no_fault(series) + pl_mc.biases(series, {"G02": 50.0})
+    methods = ("ls", Igg3(iterations=2), Igg3(iterations=2, scale="apriori"))
+    summed = pl_mc.sweep(series, faults, draws=1000, seed=61, methods=methods)
+    assert list(summed.columns)[:5] == ["method", "fault", "bias_m", "epochs", "draws"]
+    kept = table[table["fault"].isin(["none", "G02:+50m"])].groupby(["method", "fault"], sort=False)
+    by_fault = summed.set_index(["method", "fault"])
+    sums = kept[[*COUNTS, "draws"]].sum()
+    np.testing.assert_array_equal(by_fault.loc[sums.index, [*COUNTS, "draws"]], sums)
+    np.testing.assert_array_equal(by_fault.loc[sums.index, "epochs"], kept.size())
+    interval = stats.binomtest(int(sums["alarms"].iloc[0]), int(sums["draws"].iloc[0])).proportion_ci(0.95, "exact")
+    np.testing.assert_allclose(by_fault.loc[sums.index[0], ["alarm_low", "alarm_high"]].astype(float), interval)
 
 
 def test_no_note_where_everything_is_in_view():

@@ -35,9 +35,18 @@ def run(
     out: Path | None = None,
     draws: int | None = None,
     seed: int | None = None,
+    resume: Annotated[bool, Parameter(negative="")] = False,
+    fresh: Annotated[bool, Parameter(negative="")] = False,
+    shard: str | None = None,
+    workers: int | None = None,
+    devices: int | None = None,
+    scheduler: str | None = None,
     progress: bool | None = None,
 ) -> None:
     """Run an experiment and write its tables, figures, summary and manifest.
+
+    Finished parts of a sweep are kept beside the results until these are written, so that a run that was stopped,
+    in whatever way, can go on.
 
     Parameters
     ----------
@@ -49,14 +58,50 @@ def run(
         Noise draws for each fault and epoch, instead of the experiment's.
     seed
         Seed of the noise, instead of the experiment's.
+    resume
+        Go on with an unfinished run of the same experiment.
+    fresh
+        Forget an unfinished run in the same place.
+    shard
+        `2/8` counts the second of eight shares alone, for job arrays; `pl-mc merge` makes the results.
+    workers
+        Threads that compute, or threads of each worker of a scheduler; as many as cores unless given.
+    devices
+        Devices of this machine that share the work, such as GPUs.
+    scheduler
+        A Dask scheduler that gives the parts to its workers, `tcp://host:8786`, or `local` or `local:4` for
+        processes on this machine; needs the extra `pl_mc[dask]`.
     progress
         Show a progress bar; unless given, only on a terminal.
     """
+    from pl_mc.engine import Execution
     from pl_mc.experiments.loading import load_experiment
+    from pl_mc.experiments.running import run_shard
 
     overrides = {key: value for key, value in (("draws", draws), ("seed", seed)) if value is not None}
     name, record = load_experiment(experiment, overrides)
-    _run(name, record, out, progress)
+    share = None if shard is None else _share(shard)
+    execution = Execution(workers=workers, devices=devices, scheduler=scheduler, resume=resume, shard=share)
+    if share is None:
+        _run(name, record, out, progress, execution, fresh)
+    else:
+        _print(run_shard(name, record, out, execution, progress=progress))
+
+
+@app.command
+def merge(folders: Annotated[tuple[Path, ...], Parameter(negative="")], /, *, out: Path) -> None:
+    """Make the results of a run from the parts that its shares (`pl-mc run --shard`) stored.
+
+    Parameters
+    ----------
+    folders
+        The folders given to the shares as `--out`; one, if they shared it.
+    out
+        Results folder.
+    """
+    from pl_mc.experiments.merging import merge as merge_shares
+
+    _print(merge_shares(folders, out))
 
 
 @app.command(name="list")
@@ -128,12 +173,24 @@ def observe(
     _run(f"observe-{station}", build_experiment(content, source="observe"), out, progress)
 
 
-def _run(name: str, record: Any, out: Path | None, progress: bool | None) -> None:
+def _run(
+    name: str, record: Any, out: Path | None, progress: bool | None, execution: Any = None, fresh: bool = False
+) -> None:
     from pl_mc.experiments.running import run_experiment
 
-    result = run_experiment(name, record, out, progress=progress)
+    _print(run_experiment(name, record, out, progress=progress, execution=execution, fresh=fresh))
+
+
+def _print(result: Any) -> None:
     print(result.summary)
     print(f"Results: {result.folder}")
+
+
+def _share(text: str) -> tuple[int, int]:
+    index, slash, count = text.partition("/")
+    if not (slash and index.strip().isdigit() and count.strip().isdigit()):
+        raise InputError(f"shard: i/n is needed, such as 2/8, not {text!r}.")
+    return int(index), int(count)
 
 
 def main(arguments: Sequence[str] | None = None) -> None:
@@ -146,8 +203,8 @@ def main(arguments: Sequence[str] | None = None) -> None:
             file=sys.stderr,
         )
         sys.exit(2)
-    except KeyboardInterrupt:
-        print("pl-mc: interrupted; nothing was written.", file=sys.stderr)
+    except KeyboardInterrupt as stop:
+        print(f"pl-mc: {str(stop) or 'interrupted; nothing was written.'}", file=sys.stderr)
         sys.exit(130)
 
 

@@ -2,7 +2,8 @@
 
 from pl_mc.engine.detect import detect, examine
 from pl_mc.engine.events import EVENTS, Event
+from pl_mc.engine.execution import Execution
 from pl_mc.engine.outcomes import sample, solve
-from pl_mc.engine.sweep import sweep
+from pl_mc.engine.sweep import run_sweep, sweep
 
-__all__ = ["EVENTS", "Event", "detect", "examine", "sample", "solve", "sweep"]
+__all__ = ["EVENTS", "Event", "Execution", "detect", "examine", "run_sweep", "sample", "solve", "sweep"]

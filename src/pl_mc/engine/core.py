@@ -53,17 +53,19 @@ def count_events(
     *,
     methods: tuple[Method, ...],
     blocks: int,
+    together: int = 1,
 ) -> Array:
     """(e, f, methods, events), how often each event of `EVENTS` happened in ``blocks`` blocks of noise (int32).
 
     Blocks below ``full_blocks`` count whole, the block of that number counts its first ``remainder`` draws, later
-    ones do not count.
+    ones do not count. Blocks are taken one after the other, which suits the caches of a processor, or ``together``
+    at a time, which fills an accelerator.
     """
 
     def count_epoch(one: EpochBatch) -> Array:
         model, prepared = _prepare(one, methods)
 
-        def add_block(total: Array, block: Array) -> tuple[Array, None]:
+        def count_block(block: Array) -> Array:
             live = live_lanes(block, full_blocks, remainder)
 
             def count(outcomes: list[Outcome]) -> Array:
@@ -72,11 +74,18 @@ def count_events(
 
             noise = unit_noise(epoch_key(seed, one.epoch), block, model.design.shape[0], model.design.dtype)
             nothing = jnp.zeros((len(methods), len(EVENTS)), jnp.int32)
-            counts = _each_fault(model, prepared, methods, one, noise, count, skipped=nothing)
-            return total + counts, None
+            return _each_fault(model, prepared, methods, one, noise, count, skipped=nothing)
 
+        def add_blocks(total: Array, group: Array) -> tuple[Array, None]:
+            if together == 1:
+                return total + count_block(group[0]), None
+            return total + jnp.sum(jax.vmap(count_block)(group), axis=0, dtype=jnp.int32), None
+
+        # Groups are filled up with blocks that do not count: full_blocks and remainder leave them out.
+        groups = -(-blocks // together)
+        numbers = first_block + jnp.arange(groups * together, dtype=jnp.int32).reshape(groups, together)
         none = jnp.zeros((one.bias_m.shape[0], len(methods), len(EVENTS)), jnp.int32)
-        return jax.lax.scan(add_block, none, first_block + jnp.arange(blocks, dtype=jnp.int32))[0]
+        return jax.lax.scan(add_blocks, none, numbers)[0]
 
     return jax.lax.map(count_epoch, batch)
 

@@ -1,6 +1,7 @@
-"""How a sweep is cut into calls: which epochs, which faults at each, which blocks of noise.
+"""How a sweep is cut: into calls of the compiled function, and into parts, which are what is stored.
 
-The cut never changes a count: noise is found by epoch and block, and counts are whole numbers.
+The cut never changes a count: noise is found by epoch and block, and counts are whole numbers. It depends on what
+is asked for alone, never on the machine, so that any machine can count any part.
 """
 
 from __future__ import annotations
@@ -20,6 +21,10 @@ from pl_mc.geometry.record import Geometry
 
 # Scenarios per call: large enough to hide a call's cost, small enough for a live progress bar and little memory.
 SCENARIOS_PER_CALL = 2**20
+
+# Calls per part: what a killed sweep loses at most, and what a worker of a cluster is given at a time. About twenty
+# seconds of two cores.
+CALLS_PER_PART = 32
 
 
 @dataclass(frozen=True)
@@ -41,7 +46,9 @@ class Plan:
         epochs: indices into the series, those with at least one applicable fault.
         fault_index: (epochs, width), indices into the faults; -1 beyond those that apply at an epoch.
         epochs_per_call, blocks_per_call: the shape of every call.
+        calls_per_part: calls that are stored together; part of the plan, so that it goes with it to other machines.
         blocks: blocks of noise in all.
+        draws: draws in all, for each fault at each epoch.
     """
 
     geometry: Geometry
@@ -50,19 +57,37 @@ class Plan:
     fault_index: NDArray[np.int64]
     epochs_per_call: int
     blocks_per_call: int
+    calls_per_part: int
     blocks: int
-
-    def chunks(self) -> Iterator[Chunk]:
-        """The calls, in order."""
-        for first_epoch in range(0, len(self.epochs), self.epochs_per_call):
-            stop_epoch = min(first_epoch + self.epochs_per_call, len(self.epochs))
-            for first_block in range(0, self.blocks, self.blocks_per_call):
-                yield Chunk(first_epoch, stop_epoch, first_block)
+    draws: int
 
     @property
     def chunk_count(self) -> int:
         """Number of calls."""
-        return math.ceil(len(self.epochs) / self.epochs_per_call) * math.ceil(self.blocks / self.blocks_per_call)
+        return math.ceil(len(self.epochs) / self.epochs_per_call) * self._block_groups
+
+    @property
+    def part_count(self) -> int:
+        """Number of parts."""
+        return math.ceil(self.chunk_count / self.calls_per_part)
+
+    def chunks(self, part: int) -> Iterator[Chunk]:
+        """The calls of a part, in order."""
+        first = part * self.calls_per_part
+        for number in range(first, min(first + self.calls_per_part, self.chunk_count)):
+            epoch_group, block_group = divmod(number, self._block_groups)
+            first_epoch = epoch_group * self.epochs_per_call
+            stop_epoch = min(first_epoch + self.epochs_per_call, len(self.epochs))
+            yield Chunk(first_epoch, stop_epoch, block_group * self.blocks_per_call)
+
+    def draws_of(self, chunk: Chunk) -> int:
+        """Draws that a call counts for each of its faults."""
+        left = self.draws - chunk.first_block * LANES
+        return min(left, self.blocks_per_call * LANES)
+
+    @property
+    def _block_groups(self) -> int:
+        return math.ceil(self.blocks / self.blocks_per_call)
 
     def batch(self, chunk: Chunk, dtype: np.dtype) -> EpochBatch:
         """The arrays of one call, made in the precision scope in which it runs.
@@ -103,4 +128,6 @@ def make_plan(g: Geometry, faults: Faults, draws: int) -> Plan:
     epochs_at_most = max(1, blocks_at_most // blocks_per_call)
     epoch_count = max(1, len(epochs))
     epochs_per_call = math.ceil(epoch_count / math.ceil(epoch_count / epochs_at_most))
-    return Plan(series, faults, epochs, fault_index, epochs_per_call, blocks_per_call, blocks)
+    return Plan(
+        series, faults, epochs, fault_index, epochs_per_call, blocks_per_call, CALLS_PER_PART, blocks, draws
+    )  # fmt: skip

@@ -2,21 +2,42 @@
 
 from __future__ import annotations
 
+import contextlib
 import sys
-from collections.abc import Iterable, Iterator
+from collections.abc import Callable, Iterable, Iterator
 from typing import TypeVar
 
 Item = TypeVar("Item")
 
 
-def with_progress(items: Iterable[Item], *, total: int, what: str, show: bool | None) -> Iterator[Item]:
-    """Pass items through; ``show`` None shows the bar where standard error is a terminal."""
-    if show is None:
-        show = sys.stderr.isatty()
-    if not show:
-        yield from items
+@contextlib.contextmanager
+def progress_bar(*, total: int, what: str, show: bool | None) -> Iterator[Callable[[], None]]:
+    """A function that advances the bar by one; ``show`` None shows it where standard error is a terminal."""
+    if not (sys.stderr.isatty() if show is None else show):
+        yield lambda: None
         return
     from rich.console import Console
-    from rich.progress import track
+    from rich.progress import (
+        BarColumn,
+        MofNCompleteColumn,
+        Progress,
+        TextColumn,
+        TimeElapsedColumn,
+        TimeRemainingColumn,
+    )
 
-    yield from track(items, description=what, total=total, console=Console(stderr=True), transient=True)
+    columns = (
+        TextColumn("{task.description}"), BarColumn(), MofNCompleteColumn(), TimeElapsedColumn(),
+        TextColumn("left"), TimeRemainingColumn(),
+    )  # fmt: skip
+    with Progress(*columns, console=Console(stderr=True), transient=True) as bar:
+        task = bar.add_task(what, total=total)
+        yield lambda: bar.advance(task)
+
+
+def with_progress(items: Iterable[Item], *, total: int, what: str, show: bool | None) -> Iterator[Item]:
+    """Pass items through, and advance a bar by one for each."""
+    with progress_bar(total=total, what=what, show=show) as advance:
+        for item in items:
+            yield item
+            advance()

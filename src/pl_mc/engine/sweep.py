@@ -3,29 +3,21 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from pathlib import Path
 
-import jax
-import jax.numpy as jnp
-import numpy as np
 import pandas as pd
-from numpy.typing import NDArray
 
 from pl_mc.alert import LPV_200, AlertLimits
 from pl_mc.engine.checks import LARGEST_DRAWS, LARGEST_SEED, notes_on_faults, require_inputs
-from pl_mc.engine.core import count_events
-from pl_mc.engine.events import EVENTS
-from pl_mc.engine.noise import LANES
-from pl_mc.engine.plan import Chunk, make_plan
-from pl_mc.engine.precision import dtype_of, precision_scope
-from pl_mc.engine.progress import with_progress
-from pl_mc.engine.table import rate_table
-from pl_mc.engine.threads import cores, in_order
+from pl_mc.engine.execution import Execution, run_task
+from pl_mc.engine.precision import dtype_of
+from pl_mc.engine.table import epoch_table, fault_table
+from pl_mc.engine.task import SweepTask
+from pl_mc.engine.totals import EpochTotals, FaultTotals
 from pl_mc.faults import Faults
 from pl_mc.geometry.record import Geometry
-from pl_mc.input_errors import require_whole
+from pl_mc.input_errors import InputError, require_whole
 from pl_mc.methods import Method, as_methods
-
-_count_events = jax.jit(count_events, static_argnames=("methods", "blocks"))
 
 
 def sweep(
@@ -37,7 +29,13 @@ def sweep(
     methods: Sequence[str | Method] = ("ls", "igg3"),
     alert: AlertLimits = LPV_200,
     precision: str = "float64",
+    by_epoch: bool = False,
     workers: int | None = None,
+    devices: int | None = None,
+    scheduler: str | None = None,
+    folder: Path | str | None = None,
+    resume: bool = False,
+    shard: tuple[int, int] | None = None,
     progress: bool | None = None,
 ) -> pd.DataFrame:
     """Count alarms, hazards and missed detections of every method, for every fault at every epoch.
@@ -51,48 +49,74 @@ def sweep(
         alert: alert limits; the vertical one decides.
         precision: ``float64`` or ``float32``. Single precision draws other noise from the same seed, and none
             beyond 5.42 sigma: rates near 1e-7 are not to be had from it.
-        workers: threads that compute; as many as cores unless given. No effect on the counts.
+        by_epoch: one row for each epoch of a series, which takes memory for each, instead of sums over epochs.
+        workers, devices, scheduler: what computes, see `pl_mc.engine.Execution`. No effect on the counts.
+        folder: where to store finished parts, a Parquet file each with the rows of its epochs; none unless given.
+        resume: go on with what ``folder`` holds of the same sweep.
+        shard: (i, n), count one of n shares only; other processes count the others.
         progress: whether to show a progress bar; where standard error is a terminal unless given.
 
     Returns:
-        A table with one row per epoch, method and fault: ``epoch, method, fault, bias_m, draws``, the counts
-        ``alarms, hazards, missed, exceeded, misleading, false_alarms, unavailable`` (defined in
-        `pl_mc.engine.events`), and for each of them ``<event>_rate, <event>_low, <event>_high``: count / draws with
-        95 % Clopper-Pearson bounds. A fault gives no row at epochs where one of its satellites is out of view;
-        ``table.attrs["notes"]`` says where.
+        A table with one row per method and fault: ``method, fault, bias_m, epochs, draws``, the counts ``alarms,
+        hazards, missed, exceeded, misleading, false_alarms, unavailable`` (defined in `pl_mc.engine.events`), and
+        for each of them ``<event>_rate, <event>_low, <event>_high``: count / draws with 95 % Clopper-Pearson
+        bounds. For a single epoch, or ``by_epoch``, ``epoch`` stands in front instead of the number of ``epochs``.
+        A fault counts at the epochs at which all its satellites are in view; ``table.attrs["notes"]`` says where
+        they are not.
 
     Raises:
-        InputError: bad options, or faults of another geometry.
+        InputError: bad options, faults of another geometry, or a folder that cannot be used.
     """
-    require_inputs(g, faults, alert)
-    draws = require_whole(draws, field="draws", low=1, high=LARGEST_DRAWS)
-    seed = require_whole(seed, field="seed", low=0, high=LARGEST_SEED)
-    threads = cores() if workers is None else require_whole(workers, field="workers", low=1)
-    chosen = as_methods(methods)
-    dtype = dtype_of(precision)
-    plan = make_plan(g, faults, draws)
-
-    def run(chunk: Chunk) -> NDArray[np.int32]:
-        with precision_scope(precision):
-            counts = _count_events(
-                plan.batch(chunk, dtype),
-                np.uint32(seed),
-                np.int32(chunk.first_block),
-                np.int32(draws // LANES),
-                np.int32(draws % LANES),
-                jnp.asarray(alert.vertical_m, dtype),
-                methods=chosen,
-                blocks=plan.blocks_per_call,
-            )
-            return np.asarray(counts)
-
-    shape = (len(plan.epochs), plan.fault_index.shape[1], len(chosen), len(EVENTS))
-    total = np.zeros(shape, dtype=np.int64)
-    results = with_progress(
-        in_order(run, plan.chunks(), threads), total=plan.chunk_count, what="Sweep", show=progress
+    if folder is None and (resume or shard is not None):
+        raise InputError("folder: to resume a sweep, or to count a shard of it, a folder for the parts is needed.")
+    execution = Execution(
+        workers=workers,
+        devices=devices,
+        scheduler=scheduler,
+        folder=None if folder is None else Path(folder),
+        resume=resume,
+        shard=shard,
+        progress=progress,
     )
-    for chunk, counts in results:
-        total[chunk.first_epoch : chunk.stop_epoch] += counts[: chunk.stop_epoch - chunk.first_epoch]
-    table = rate_table(plan, total, [method.name for method in chosen], draws)
-    table.attrs["notes"] = list(notes_on_faults(g, faults))
+    return run_sweep(
+        g, faults, draws=draws, seed=seed, methods=methods, alert=alert, precision=precision, by_epoch=by_epoch,
+        execution=execution,
+    )  # fmt: skip
+
+
+def run_sweep(
+    g: Geometry,
+    faults: Faults,
+    *,
+    draws: int,
+    seed: int,
+    methods: Sequence[str | Method],
+    alert: AlertLimits,
+    precision: str,
+    by_epoch: bool = False,
+    execution: Execution,
+) -> pd.DataFrame:
+    """`pl_mc.sweep`, with the way it runs as one record."""
+    require_inputs(g, faults, alert)
+    task = SweepTask(
+        geometry=g,
+        faults=faults,
+        draws=require_whole(draws, field="draws", low=1, high=LARGEST_DRAWS),
+        seed=require_whole(seed, field="seed", low=0, high=LARGEST_SEED),
+        methods=as_methods(methods),
+        alert=alert,
+        precision=str(dtype_of(precision)),
+    )
+    single = by_epoch or not g.is_series
+    totals: EpochTotals | FaultTotals = EpochTotals.of(task) if single else FaultTotals.of(task)
+    notes = list(notes_on_faults(g, faults))
+    if execution.shard is not None:
+        notes.append("Shard {} of {}: the counts of its share alone.".format(*execution.shard))
+    for found in run_task(task, execution):
+        if isinstance(found, str):
+            notes.append(found)
+        else:
+            totals.add(task, found)
+    table = epoch_table(task, totals) if isinstance(totals, EpochTotals) else fault_table(task, totals)
+    table.attrs["notes"] = notes
     return table

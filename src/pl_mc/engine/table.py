@@ -9,39 +9,28 @@ import pandas as pd
 from numpy.typing import NDArray
 
 from pl_mc.engine.events import EVENTS
-from pl_mc.engine.plan import Plan
+from pl_mc.engine.task import SweepTask
+from pl_mc.engine.totals import EpochTotals, FaultTotals
 from pl_mc.statistics.intervals import clopper_pearson, shared_noise_bounds
 
 CONFIDENCE = 0.95
 
-_COUNTS = ["draws", *(event.count for event in EVENTS)]
+COUNT_COLUMNS = ["draws", *(event.count for event in EVENTS)]
 
 
-def rate_table(plan: Plan, counts: NDArray[np.int64], methods: Sequence[str], draws: int) -> pd.DataFrame:
-    """One row per epoch, method and fault.
-
-    Args:
-        plan: the sweep's plan.
-        counts: (epochs, width, methods, events), as `Plan.fault_index` orders them.
-        methods: method names.
-        draws: draws behind every count.
-    """
-    place, slot = np.nonzero(plan.fault_index >= 0)
+def epoch_table(task: SweepTask, totals: EpochTotals) -> pd.DataFrame:
+    """One row per epoch, method and fault."""
+    plan, methods = task.plan, [method.name for method in task.methods]
+    place, slot = np.nonzero((plan.fault_index >= 0) & (totals.draws > 0)[:, None])
     fault = plan.fault_index[place, slot]
-    kept = counts[place, slot]  # (rows, methods, events)
+    kept = totals.counts[place, slot]  # (rows, methods, events)
     rows = len(place)
-    labels = np.array(plan.faults.labels, dtype=object)
     columns: dict[str, object] = {
         "epoch": np.repeat(plan.geometry.epoch[plan.epochs[place]], len(methods)),
-        "method": np.tile(np.array(methods, dtype=object), rows),
-        "fault": np.repeat(labels[fault], len(methods)),
-        "bias_m": np.repeat(plan.faults.scalar_bias_m[fault], len(methods)),
-        "draws": np.full(rows * len(methods), draws, dtype=np.int64),
+        **_names(task, np.repeat(fault, len(methods)), np.tile(np.arange(len(methods)), rows)),
+        "draws": np.repeat(totals.draws[place], len(methods)),
     }
-    flat = kept.reshape(rows * len(methods), len(EVENTS))
-    for k, event in enumerate(EVENTS):
-        columns[event.count] = flat[:, k]
-    table = with_rates(pd.DataFrame(columns))
+    table = with_rates(pd.DataFrame(columns | _count_columns(kept)))
     # Epoch by epoch, then method by method, the faults in the order in which they were asked for.
     order = np.lexsort(
         (
@@ -51,6 +40,36 @@ def rate_table(plan: Plan, counts: NDArray[np.int64], methods: Sequence[str], dr
         )
     )
     return table.iloc[order].reset_index(drop=True)
+
+
+def fault_table(task: SweepTask, totals: FaultTotals) -> pd.DataFrame:
+    """One row per method and fault, summed over the epochs at which it applies; none for faults that never do.
+
+    Epochs have noise of their own, so all draws of a fault are independent; the bounds are those of the mean rate
+    over its epochs.
+    """
+    fault = np.flatnonzero(totals.draws)
+    methods = len(task.methods)
+    columns = {
+        **_names(task, np.tile(fault, methods), np.repeat(np.arange(methods), len(fault))),
+        "epochs": np.tile(totals.epochs[fault], methods),
+        "draws": np.tile(totals.draws[fault], methods),
+    }
+    kept = np.moveaxis(totals.counts[fault], 1, 0)  # (methods, faults, events)
+    return with_rates(pd.DataFrame(columns | _count_columns(kept)))
+
+
+def _names(task: SweepTask, fault: NDArray[np.int64], method: NDArray[np.int64]) -> dict[str, object]:
+    return {
+        "method": np.array([one.name for one in task.methods], dtype=object)[method],
+        "fault": np.array(task.faults.labels, dtype=object)[fault],
+        "bias_m": task.faults.scalar_bias_m[fault],
+    }
+
+
+def _count_columns(counts: NDArray[np.int64]) -> dict[str, object]:
+    flat = counts.reshape(-1, len(EVENTS))
+    return {event.count: flat[:, k] for k, event in enumerate(EVENTS)}
 
 
 def with_rates(counts: pd.DataFrame) -> pd.DataFrame:
@@ -73,23 +92,15 @@ def with_rates(counts: pd.DataFrame) -> pd.DataFrame:
     return pd.concat([counts, pd.DataFrame(columns, index=counts.index)], axis=1)
 
 
-def sum_over_epochs(table: pd.DataFrame) -> pd.DataFrame:
-    """One row per method and fault: counts and draws summed over epochs, rates and bounds of the sums.
+def sum_over_faults(table: pd.DataFrame, keys: Sequence[str], *, independent: pd.Series) -> pd.DataFrame:
+    """One row per value of ``keys``: counts summed over all else, of faults that saw the same noise.
 
-    Epochs have noise of their own, so all draws of a fault are independent; the bounds are those of the mean rate
-    over its epochs.
+    Args:
+        table: counts.
+        keys: columns to keep.
+        independent: by all or some of those keys, the draws with each epoch counted once.
     """
-    counts = table.groupby(["method", "fault", "bias_m"], sort=False, dropna=False)[_COUNTS].sum()
-    return with_rates(counts.reset_index())
-
-
-def sum_over_faults(table: pd.DataFrame, keys: Sequence[str]) -> pd.DataFrame:
-    """One row per value of ``keys`` (with ``method`` among them): counts summed over all else.
-
-    Faults of one epoch share their noise: ``independent_draws`` counts the draws of each epoch once.
-    """
-    groups = table.groupby(list(keys), sort=False, dropna=False)
-    counts = groups[_COUNTS].sum()
-    epochs = table.drop_duplicates([*keys, "epoch"]).groupby(list(keys), sort=False, dropna=False)
-    counts.insert(1, "independent_draws", epochs["draws"].sum())
-    return with_rates(counts.reset_index())
+    counts = table.groupby(list(keys), sort=False, dropna=False)[COUNT_COLUMNS].sum().reset_index()
+    shared = list(independent.index.names)
+    counts = counts.merge(independent.rename("independent_draws").reset_index(), on=shared, how="left")
+    return with_rates(counts[[*keys, "draws", "independent_draws", *COUNT_COLUMNS[1:]]])

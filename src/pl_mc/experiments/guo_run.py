@@ -17,6 +17,7 @@ from pydantic import ConfigDict, Field
 
 from pl_mc.detectors import Detector, as_detectors, detector
 from pl_mc.engine.detect import detect
+from pl_mc.engine.execution import Execution
 from pl_mc.experiments.common import Experiment, Strict
 from pl_mc.experiments.guo_series import GuoSeries, day_of_detections, detection_table, draws_table
 from pl_mc.experiments.output import write_table
@@ -114,7 +115,7 @@ class GuoExperiment(Experiment):
         return self.source.files() if isinstance(self.source, ReceiverSource) else {}
 
 
-def run(experiment: GuoExperiment, folder: Path, *, progress: bool | None) -> tuple[str, tuple[str, ...]]:
+def run(experiment: GuoExperiment, folder: Path, *, execution: Execution) -> tuple[str, tuple[str, ...]]:
     """Write ``detection.csv``, tables of draws, hypotheses, reliability and power, and figures 1-5 with more.
 
     Returns:
@@ -138,7 +139,7 @@ def run(experiment: GuoExperiment, folder: Path, *, progress: bool | None) -> tu
     )
     day = day_of_detections(
         series, tests, p_fa=experiment.p_fa, seed=experiment.seed, draws=experiment.draws,
-        calibration_draws=experiment.calibration_draws, precision=experiment.precision, progress=progress,
+        calibration_draws=experiment.calibration_draws, precision=experiment.precision, progress=execution.progress,
     )  # fmt: skip
     detection, draws = detection_table(series, day), draws_table(series, day)
     hypotheses = hypothesis_table(draws)
@@ -151,7 +152,7 @@ def run(experiment: GuoExperiment, folder: Path, *, progress: bool | None) -> tu
     )
     power = detect(
         epoch, faults, tests=tests, draws=choice.draws, seed=experiment.seed, p_fa=experiment.p_fa,
-        calibration_draws=choice.calibration_draws, precision=experiment.precision, progress=progress,
+        calibration_draws=choice.calibration_draws, precision=experiment.precision, progress=execution.progress,
     )  # fmt: skip
     # Zero metres on one satellite is zero metres on any: the fault-free draws, once for each satellite.
     sizes = int(len(faults) / len(epoch.names))

@@ -9,6 +9,7 @@ from typing import Literal
 import pandas as pd
 
 from pl_mc.engine import solve
+from pl_mc.engine.execution import Execution
 from pl_mc.experiments.common import Experiment, ReceiverFiles
 from pl_mc.experiments.output import write_table
 from pl_mc.geometry.gps_time import gps_dates
@@ -34,7 +35,7 @@ class ObserveExperiment(Experiment, ReceiverFiles):
         return files | ({"truth": Path(self.truth)} if Path(self.truth).is_file() else {})
 
 
-def run(experiment: ObserveExperiment, folder: Path, *, progress: bool | None) -> tuple[str, tuple[str, ...]]:
+def run(experiment: ObserveExperiment, folder: Path, *, execution: Execution) -> tuple[str, tuple[str, ...]]:
     """Solve every epoch with every method; write ``epochs.csv``, ``epochs.parquet`` and a figure.
 
     Returns:

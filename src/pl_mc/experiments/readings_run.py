@@ -13,6 +13,7 @@ import numpy as np
 import pandas as pd
 from pydantic import Field
 
+from pl_mc.engine.execution import Execution
 from pl_mc.experiments.common import Experiment, Strict
 from pl_mc.experiments.output import write_table
 from pl_mc.experiments.series_run import SeriesExperiment, draw_rows, solved
@@ -68,7 +69,7 @@ class ReadingsExperiment(Experiment):
         return made
 
 
-def run(experiment: ReadingsExperiment, folder: Path, *, progress: bool | None) -> tuple[str, tuple[str, ...]]:
+def run(experiment: ReadingsExperiment, folder: Path, *, execution: Execution) -> tuple[str, tuple[str, ...]]:
     """Write ``readings.csv`` (one row per reading and draw) and ``distances.csv`` (one row per reading).
 
     Returns:

@@ -7,6 +7,7 @@ from dataclasses import dataclass
 
 from pl_mc.experiments import guo_run, map_run, observe_run, readings_run, satellite_ramp_run, series_run, sweep_run
 from pl_mc.experiments.common import Experiment
+from pl_mc.experiments.sweeps import PlannedSweep
 
 
 @dataclass(frozen=True)
@@ -15,19 +16,23 @@ class Kind:
 
     Attributes:
         model: the record of its file.
-        run: ``run(experiment, folder, progress=...)`` writes the results and returns a summary and notes.
+        run: ``run(experiment, folder, execution=...)`` writes the results and returns a summary and notes.
+        sweeps: ``sweeps(experiment)``, the sweeps that it runs, of kinds that can be resumed and shared; else None.
     """
 
     model: type[Experiment]
     run: Callable[..., tuple[str, tuple[str, ...]]]
+    sweeps: Callable[..., tuple[PlannedSweep, ...]] | None = None
 
 
 KINDS: dict[str, Kind] = {
     "guo": Kind(guo_run.GuoExperiment, guo_run.run),
-    "map": Kind(map_run.MapExperiment, map_run.run),
+    "map": Kind(map_run.MapExperiment, map_run.run, map_run.sweeps),
     "readings": Kind(readings_run.ReadingsExperiment, readings_run.run),
-    "satellite-ramps": Kind(satellite_ramp_run.SatelliteRampExperiment, satellite_ramp_run.run),
-    "sweep": Kind(sweep_run.SweepExperiment, sweep_run.run),
+    "satellite-ramps": Kind(
+        satellite_ramp_run.SatelliteRampExperiment, satellite_ramp_run.run, satellite_ramp_run.sweeps
+    ),
+    "sweep": Kind(sweep_run.SweepExperiment, sweep_run.run, sweep_run.sweeps),
     "observe": Kind(observe_run.ObserveExperiment, observe_run.run),
     "series": Kind(series_run.SeriesExperiment, series_run.run),
 }

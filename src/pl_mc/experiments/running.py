@@ -1,18 +1,38 @@
-"""Running an experiment: results, summary and manifest appear together, or not at all."""
+"""Running an experiment: results, summary and manifest appear together, or not at all.
+
+Sweeps store their finished parts in a folder beside the results, so that a run that was stopped can go on, and so
+that shares of it can be counted elsewhere and merged.
+"""
 
 from __future__ import annotations
 
 import time
+from collections.abc import Iterator
+from contextlib import contextmanager
+from dataclasses import replace
 from pathlib import Path
 
+from pl_mc.engine import Execution
 from pl_mc.experiments.common import Experiment
 from pl_mc.experiments.output import result_folder, write_manifest
-from pl_mc.experiments.registry import KINDS
+from pl_mc.experiments.registry import KINDS, Kind
 from pl_mc.experiments.result import RunResult
+from pl_mc.experiments.unfinished import Unfinished
+from pl_mc.input_errors import InputError
+
+
+class Interrupted(KeyboardInterrupt):
+    """A run was interrupted; the message says what is left of it."""
 
 
 def run_experiment(
-    name: str, experiment: Experiment, out: Path | None = None, *, progress: bool | None = None
+    name: str,
+    experiment: Experiment,
+    out: Path | None = None,
+    *,
+    progress: bool | None = None,
+    execution: Execution | None = None,
+    fresh: bool = False,
 ) -> RunResult:
     """Run an experiment into a folder.
 
@@ -21,17 +41,85 @@ def run_experiment(
         experiment: the record.
         out: the results folder; ``runs/<name>`` unless given.
         progress: whether to show a progress bar; where standard error is a terminal unless given.
+        execution: how its sweeps run; in this process unless given. Its folder is not used.
+        fresh: forget an unfinished run of the same results folder.
 
     Raises:
         InputError: input that cannot be used, or a folder that cannot be written.
+        Interrupted: by Ctrl-C.
     """
     folder = Path("runs") / name if out is None else Path(out)
+    how = replace(execution or Execution(), progress=progress)
+    kind = _kind(experiment)
+    if kind.sweeps is None and _shared(how):
+        able = ", ".join(key for key, one in KINDS.items() if one.sweeps is not None)
+        raise InputError(
+            f"experiment: runs of the kind {experiment.kind} are not made of parts that can be stored or shared "  # type: ignore[attr-defined]
+            f"(kinds that are: {able})."
+        )
     begin = time.perf_counter()
-    kind: str = experiment.kind  # type: ignore[attr-defined]
-    with result_folder(folder) as working:
-        summary, notes = KINDS[kind].run(experiment, working, progress=progress)
+    # The output is checked before anything is computed.
+    with result_folder(folder) as working, _parts(name, experiment, folder, kind, how, fresh) as how:
+        summary, notes = kind.run(experiment, working, execution=how)
         if notes:
             summary += "\nNotes:\n\n" + "".join(f"- {note}\n" for note in notes)
         (working / "summary.md").write_text(summary, encoding="utf-8")
         write_manifest(working, name=name, experiment=experiment, notes=notes, seconds=time.perf_counter() - begin)
+    Unfinished(folder).remove()
     return RunResult(folder=folder, summary=summary, notes=notes)
+
+
+def run_shard(
+    name: str, experiment: Experiment, out: Path | None, execution: Execution, *, progress: bool | None = None
+) -> RunResult:
+    """Count one share of the parts of an experiment's sweeps and store them beside the results folder.
+
+    Args:
+        name, experiment, out, progress: as for `run_experiment`.
+        execution: with its shard.
+    """
+    assert execution.shard is not None
+    folder = Path("runs") / name if out is None else Path(out)
+    # Shares of one run may store their parts in one folder: those of others are no obstacle.
+    how = replace(execution, progress=progress, resume=True)
+    kind = _kind(experiment)
+    if kind.sweeps is None:
+        raise InputError(f"shard: runs of the kind {experiment.kind} are not made of parts.")  # type: ignore[attr-defined]
+    notes: list[str] = []
+    with _parts(name, experiment, folder, kind, how, fresh=False) as how:
+        for planned in kind.sweeps(experiment):
+            notes += planned.run(experiment, how).attrs["notes"]
+    place = Unfinished(folder)
+    index, count = execution.shard
+    summary = f"Shard {index} of {count}: {place.part_count} parts are finished; pl-mc merge makes the results.\n"
+    return RunResult(folder=place.folder, summary=summary, notes=tuple(notes))
+
+
+@contextmanager
+def _parts(
+    name: str, experiment: Experiment, folder: Path, kind: Kind, how: Execution, fresh: bool
+) -> Iterator[Execution]:
+    """The way to run with a folder for parts, which goes when nothing in it is worth keeping."""
+    if kind.sweeps is None:
+        yield how
+        return
+    place = Unfinished(folder)
+    place.begin(name, experiment, resume=how.resume or how.stored_only, fresh=fresh)
+    try:
+        # Whatever is in the folder passed the check above.
+        yield replace(how, folder=place.folder, resume=True)
+    except KeyboardInterrupt:
+        count = place.part_count
+        kept = f"{count} finished parts are kept in {place.folder}, --resume goes on"
+        raise Interrupted(f"interrupted; {kept if count else 'nothing was written'}.") from None
+    finally:
+        place.remove_if_empty()
+
+
+def _kind(experiment: Experiment) -> Kind:
+    kind: str = experiment.kind  # type: ignore[attr-defined]
+    return KINDS[kind]
+
+
+def _shared(how: Execution) -> bool:
+    return how.resume or how.scheduler is not None or how.devices is not None or how.stored_only

@@ -7,16 +7,17 @@ realisation; here every bias gets many, and every satellite of the epoch gets it
 from __future__ import annotations
 
 from pathlib import Path
-from typing import Any, Literal
+from typing import Literal
 
 import numpy as np
 import pandas as pd
 from pydantic import Field
 
-from pl_mc.engine import sample, sweep
+from pl_mc.engine import Execution, sample
 from pl_mc.experiments.common import Experiment, SimulatedGeometry
 from pl_mc.experiments.output import write_table
 from pl_mc.experiments.sweep_run import LEVEL_DRAWS, RampFaults, finer_ramp, level_table
+from pl_mc.experiments.sweeps import PlannedSweep
 from pl_mc.faults import no_fault, ramps
 from pl_mc.geometry import Geometry, redundancy_numbers
 from pl_mc.input_errors import InputError
@@ -38,32 +39,41 @@ class SatelliteRampExperiment(Experiment):
     faults: RampFaults
 
 
-def run(experiment: SatelliteRampExperiment, folder: Path, *, progress: bool | None) -> tuple[str, tuple[str, ...]]:
+def sweeps(experiment: SatelliteRampExperiment) -> tuple[PlannedSweep, ...]:
+    """The sweeps of the experiment: the ramp, fault-free in front, and the same ramp on every satellite."""
+    return _planned(experiment)[0]
+
+
+def _planned(experiment: SatelliteRampExperiment) -> tuple[tuple[PlannedSweep, PlannedSweep], tuple[str, ...]]:
+    g = experiment.geometry.build()
+    if g.is_series:
+        raise InputError("geometry.epoch: this kind of experiment needs one epoch.")
+    faults, notes = experiment.faults.build(g)
+    sizes = experiment.faults
+    every = ramps(g, satellites=g.names, start_m=sizes.start_m, stop_m=sizes.stop_m, step_m=sizes.step_m)
+    return (
+        PlannedSweep("ramp", g, no_fault(g) + faults, experiment.draws),
+        PlannedSweep("satellites", g, every, experiment.draws_per_satellite),
+    ), notes
+
+
+def run(experiment: SatelliteRampExperiment, folder: Path, *, execution: Execution) -> tuple[str, tuple[str, ...]]:
     """Write ``ramp.csv``, ``ramp_exact.csv``, ``ramp_satellites.csv``, ``levels.csv``, ``satellites.csv``, figures.
 
     Returns:
         The summary in Markdown, and notes.
     """
-    g = experiment.geometry.build()
-    if g.is_series:
-        raise InputError("geometry.epoch: this kind of experiment needs one epoch.")
-    faults, notes = experiment.faults.build(g)
-    alert, methods = experiment.alert_limits(), experiment.method_records()
-    options: dict[str, Any] = {
-        "seed": experiment.seed,
-        "methods": methods,
-        "alert": alert,
-        "precision": experiment.precision,
-    }
-
-    with_none = no_fault(g) + faults
-    ramp = sweep(g, with_none, draws=experiment.draws, progress=progress, **options)
+    (one_ramp, every_ramp), notes = _planned(experiment)
+    g, with_none = one_ramp.g, one_ramp.faults
+    alert = experiment.alert_limits()
+    ramp = one_ramp.run(experiment, execution)
     exact = ls_rates(g, with_none, alert=alert)
-    outcomes = sample(g, with_none, draws=min(experiment.draws, LEVEL_DRAWS), **options)
+    outcomes = sample(
+        g, with_none, draws=min(experiment.draws, LEVEL_DRAWS), seed=experiment.seed,
+        methods=experiment.method_records(), alert=alert, precision=experiment.precision,
+    )  # fmt: skip
     levels = level_table(outcomes)
-    sizes = experiment.faults
-    every = ramps(g, satellites=g.names, start_m=sizes.start_m, stop_m=sizes.stop_m, step_m=sizes.step_m)
-    satellites = sweep(g, every, draws=experiment.draws_per_satellite, progress=progress, **options)
+    satellites = every_ramp.run(experiment, execution)
     satellites.insert(0, "satellite", satellites.fault.str.split(":").str[0])
     described = _describe(g)
 

@@ -14,6 +14,7 @@ from pydantic import Field, field_validator
 
 from pl_mc.alert import AlertLimits
 from pl_mc.engine import solve
+from pl_mc.engine.execution import Execution
 from pl_mc.engine.noise import LANES
 from pl_mc.experiments.common import Experiment, MethodChoice
 from pl_mc.experiments.output import write_table
@@ -56,7 +57,7 @@ class SeriesExperiment(Experiment):
         return self.source.files() if isinstance(self.source, ReceiverSource) else {}
 
 
-def run(experiment: SeriesExperiment, folder: Path, *, progress: bool | None) -> tuple[str, tuple[str, ...]]:
+def run(experiment: SeriesExperiment, folder: Path, *, execution: Execution) -> tuple[str, tuple[str, ...]]:
     """Solve the series; write ``epochs.parquet``, ``faults.csv``, ``redraws.csv``, the paper's table and figures.
 
     Returns:

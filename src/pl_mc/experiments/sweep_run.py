@@ -9,10 +9,10 @@ import numpy as np
 import pandas as pd
 from pydantic import Discriminator, Field, Tag
 
-from pl_mc.engine import sample, sweep
-from pl_mc.engine.table import sum_over_epochs
+from pl_mc.engine import Execution, sample
 from pl_mc.experiments.common import Experiment, SimulatedGeometry, Strict
 from pl_mc.experiments.output import write_table
+from pl_mc.experiments.sweeps import PlannedSweep
 from pl_mc.faults import Faults, biases, no_fault, ramps
 from pl_mc.geometry import Geometry, redundancy_numbers
 from pl_mc.input_errors import InputError, nearest
@@ -86,24 +86,35 @@ class SweepExperiment(Experiment):
     faults: AnyFaults
 
 
-def run(experiment: SweepExperiment, folder: Path, *, progress: bool | None) -> tuple[str, tuple[str, ...]]:
+def sweeps(experiment: SweepExperiment) -> tuple[PlannedSweep, ...]:
+    """The sweeps of the experiment."""
+    return (_planned(experiment)[0],)
+
+
+def _planned(experiment: SweepExperiment) -> tuple[PlannedSweep, tuple[str, ...]]:
+    g = experiment.geometry.build()
+    faults, notes = experiment.faults.build(g)
+    return PlannedSweep("sweep", g, faults, experiment.draws), notes
+
+
+def run(experiment: SweepExperiment, folder: Path, *, execution: Execution) -> tuple[str, tuple[str, ...]]:
     """Run the sweep and write ``rates.csv``, ``exact.csv``, ``levels.csv`` and a figure into ``folder``.
+
+    The rates of a series are sums over its epochs; the counts of every epoch are in ``epochs/*.parquet``.
 
     Returns:
         The summary in Markdown, and notes.
     """
-    g = experiment.geometry.build()
-    faults, notes = experiment.faults.build(g)
+    planned, notes = _planned(experiment)
+    g, faults = planned.g, planned.faults
     alert, methods = experiment.alert_limits(), experiment.method_records()
-    rates = sweep(
-        g, faults, draws=experiment.draws, seed=experiment.seed, methods=methods, alert=alert,
-        precision=experiment.precision, progress=progress,
-    )  # fmt: skip
+    rates = planned.run(experiment, execution)
+    if g.is_series:
+        planned.keep_rows(execution, folder)
     notes = (*notes, *rates.attrs["notes"])
     exact = ls_rates(g, faults, alert=alert)
     write_table(rates, folder, "rates")
     write_table(exact, folder, "exact")
-    total = sum_over_epochs(rates)
     mean_exact = exact.groupby("fault", sort=False).mean(numeric_only=True).reset_index()
     scalar = np.isfinite(faults.scalar_bias_m).all() and len(np.unique(faults.scalar_bias_m)) == len(faults) > 1
     if scalar and not g.is_series:
@@ -115,11 +126,11 @@ def run(experiment: SweepExperiment, folder: Path, *, progress: bool | None) -> 
         )  # fmt: skip
         write_table(levels, folder, "levels")
         curve = ls_rates(g, finer_ramp(faults, g), alert=alert)
-        figure = ramp_figure(total, levels, curve, alert=alert, title=experiment.title)
+        figure = ramp_figure(rates, levels, curve, alert=alert, title=experiment.title)
     else:
-        figure = rates_by_fault_figure(total, alert=alert, title=experiment.title)
+        figure = rates_by_fault_figure(rates, alert=alert, title=experiment.title)
     save_figure(figure, folder, "rates")
-    return _summary(experiment, g, total, mean_exact), notes
+    return _summary(experiment, g, rates, mean_exact), notes
 
 
 def level_table(outcomes: pd.DataFrame) -> pd.DataFrame:

@@ -1,0 +1,186 @@
+"""Parts of a sweep on the workers of a Dask cluster (adapter of dask.distributed, the extra ``pl_mc[dask]``).
+
+Only counts come back, and this process stores them: workers need no file system in common. A worker that dies costs
+the parts that it was at; Dask gives them to another.
+"""
+
+from __future__ import annotations
+
+import contextlib
+import itertools
+import pickle
+from collections.abc import Callable, Generator, Iterator, Mapping, Sequence
+from typing import TYPE_CHECKING, Any
+from urllib.parse import urlsplit
+
+from pl_mc.engine.compiling import require_devices
+from pl_mc.engine.identity import environment
+from pl_mc.engine.task import PartCounts, SweepTask
+from pl_mc.engine.threads import cores
+from pl_mc.input_errors import InputError
+
+if TYPE_CHECKING:
+    from pl_mc.engine.execution import Engine
+
+# How often a part is given out again, after the workers that had it died.
+RETRIES = 3
+
+# Parts in flight for each worker: one at work, one waiting, so that a worker never waits for this process.
+AHEAD = 2
+
+# How long to wait for a scheduler that does not answer.
+PATIENCE = "10s"
+
+
+def dask_engine(scheduler: str, *, workers: int | None, devices: int | None) -> Engine:
+    """An engine on the scheduler at an address (``tcp://host:port``), or on ``local`` or ``local:N`` processes.
+
+    Args:
+        scheduler: where.
+        workers: threads that each part uses on its worker; unless given, all of a remote one's cores, one of a local.
+        devices: devices of its machine that each part uses.
+
+    Raises:
+        InputError: Dask is not installed, no scheduler answers, it has no workers, or one differs from this process.
+    """
+
+    def engine(task: SweepTask, numbers: Sequence[int], after_call: Callable[[], None]) -> Generator[PartCounts]:
+        with _client(scheduler, threads=workers) as client:
+            from distributed import as_completed
+
+            here = environment()
+            _require_equal_workers(client, here)
+            # The plan, once made, goes along. A result, unlike data that are scattered, is made again when all
+            # workers that hold it died.
+            shared = client.submit(pickle.loads, _packed(task), pure=False, retries=RETRIES)
+            threads = workers if workers is not None else (1 if scheduler.startswith("local") else None)
+
+            def submit(number: int) -> Any:
+                return client.submit(
+                    _count_part, shared, number, threads, devices, here, pure=False, retries=RETRIES
+                )  # fmt: skip
+
+            waiting = iter(numbers)
+            window = AHEAD * max(1, len(client.scheduler_info(n_workers=-1)["workers"]))
+            finished = as_completed([submit(number) for number in itertools.islice(waiting, window)])
+            for future in finished:
+                part = _result(future)
+                for number in itertools.islice(waiting, 1):
+                    finished.add(submit(number))
+                for _ in task.plan.chunks(part.number):
+                    after_call()
+                yield part
+
+    return engine
+
+
+def _count_part(
+    task: SweepTask,
+    number: int,
+    threads: int | None,
+    devices: int | None,
+    there: Mapping[str, Any],
+) -> PartCounts:
+    """One part, on a worker; ``there`` is the environment of the process that asks."""
+    # Workers may come at any time, after those that were there had been looked at.
+    _require_equal("the worker that was given a part", environment(), there)
+    parts = task.count_parts([number], threads=threads or cores(), devices=require_devices(devices))
+    return next(iter(parts))
+
+
+def _packed(task: SweepTask) -> bytes:
+    """A task with its plan; methods that a script defined are packed with their code."""
+    from distributed.protocol.pickle import dumps
+
+    assert task.plan.part_count
+    return dumps(task)
+
+
+def _result(future: Any) -> PartCounts:
+    try:
+        return future.result()
+    except InputError:
+        raise
+    except Exception as error:
+        if type(error).__name__ not in ("KilledWorker", "FutureCancelledError", "CancelledError"):
+            raise
+        raise InputError(
+            f"scheduler: a part was given out {RETRIES + 1} times or lost with its scheduler, and never came back "
+            f"({type(error).__name__}); what was finished before is kept and can be resumed."
+        ) from None
+
+
+@contextlib.contextmanager
+def _client(scheduler: str, *, threads: int | None) -> Iterator[Any]:
+    local = scheduler == "local" or scheduler.startswith("local:")
+    if not local and not _is_address(scheduler):
+        raise InputError(f"scheduler: an address such as tcp://host:8786, or local, is needed, not {scheduler!r}.")
+    count = _local_workers(scheduler, threads or 1) if local else 0
+    try:
+        import dask
+        from distributed import Client, LocalCluster
+    except ImportError:
+        raise InputError("scheduler: Dask is not installed; pip install 'pl_mc[dask]' brings it.") from None
+    options = {
+        # JAX must not be forked; a process that starts from nothing is the only safe one.
+        "distributed.worker.multiprocessing-method": "spawn",
+        # The geometry of a day with all its faults is sent once; it is no graph that could be smaller.
+        "distributed.admin.large-graph-warning-threshold": "1TiB",
+    }
+    with dask.config.set(options):
+        if local:
+            with (
+                LocalCluster(
+                    n_workers=count, threads_per_worker=1, processes=True, dashboard_address=None, silence_logs=50
+                ) as cluster,
+                Client(cluster) as client,
+            ):
+                yield client
+            return
+        try:
+            client = Client(scheduler, timeout=PATIENCE)
+        except Exception as error:  # Its types differ with what is wrong, and with the version.
+            reason = " ".join(str(error).split())[:100] or type(error).__name__
+            raise InputError(f"scheduler: no scheduler answers at {scheduler} ({reason}).") from None
+        with client:
+            yield client
+
+
+def _is_address(scheduler: str) -> bool:
+    found = urlsplit(scheduler)
+    try:
+        return found.scheme in ("tcp", "tls") and bool(found.hostname) and bool(found.port)
+    except ValueError:  # No number of a port.
+        return False
+
+
+def _local_workers(scheduler: str, threads: int) -> int:
+    given = scheduler.partition(":")[2]
+    if not given:
+        return max(1, cores() // threads)
+    if not given.isdigit() or int(given) < 1:
+        raise InputError(f"scheduler: local:N needs a number of processes, such as local:4, not {scheduler!r}.")
+    return int(given)
+
+
+def _require_equal_workers(client: Any, here: Mapping[str, Any]) -> None:
+    """Raise `InputError` unless there are workers, and each would give the numbers of this process."""
+    try:
+        found = client.run(environment)
+    except Exception as error:  # Whatever a worker says that cannot run this at all.
+        reason = " ".join(str(error).split())[:100] or type(error).__name__
+        raise InputError(f"scheduler: its workers need pl_mc {here['pl_mc']} installed ({reason}).") from None
+    if not found:
+        raise InputError("scheduler: it has no workers; start some with dask worker.")
+    for worker, there in found.items():
+        _require_equal(f"worker {worker}", there, here)
+
+
+def _require_equal(worker: str, there: Mapping[str, Any], here: Mapping[str, Any]) -> None:
+    wrong = [
+        f"{field} {there.get(field)} there, {value} here"
+        for field, value in here.items()
+        if there.get(field) != value
+    ]
+    if wrong:
+        raise InputError(f"scheduler: {worker} would count in another environment ({'; '.join(wrong)}).")

@@ -1,0 +1,136 @@
+"""How and where a sweep runs, none of which changes a count; and the running."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Generator, Iterator, Sequence
+from contextlib import closing
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import Protocol
+
+from pl_mc.engine.compiling import require_devices
+from pl_mc.engine.part_files import BadPart, PartStore
+from pl_mc.engine.progress import progress_bar
+from pl_mc.engine.task import PartCounts, SweepTask
+from pl_mc.engine.threads import cores
+from pl_mc.input_errors import InputError, require_whole
+
+
+@dataclass(frozen=True)
+class Execution:
+    """How a sweep runs.
+
+    Attributes:
+        workers: threads that compute; as many as cores unless given, one where there are several devices.
+        devices: devices of this machine that share each call.
+        scheduler: a Dask scheduler, ``tcp://host:port``, or ``local`` or ``local:N`` for N processes here; None
+            computes in this process.
+        folder: where finished parts are stored; None keeps nothing.
+        resume: go on with the parts that the folder holds.
+        shard: (i, n), count the i-th of n shares of the parts alone, i from 1.
+        stored_only: count nothing, take all parts from the folder, from whatever machine they come.
+        progress: whether to show a progress bar; where standard error is a terminal unless given.
+    """
+
+    workers: int | None = None
+    devices: int | None = None
+    scheduler: str | None = None
+    folder: Path | None = None
+    resume: bool = False
+    shard: tuple[int, int] | None = None
+    stored_only: bool = False
+    progress: bool | None = None
+
+    def __post_init__(self) -> None:
+        if self.workers is not None:
+            require_whole(self.workers, field="workers", low=1)
+        if self.shard is not None:
+            index, count = self.shard
+            require_whole(count, field="shard: the number of shards", low=1)
+            require_whole(index, field="shard: the shard", low=1, high=count)
+
+    def inside(self, name: str) -> Execution:
+        """The same for one of several sweeps of an experiment, with a folder of its own."""
+        return self if self.folder is None else replace(self, folder=self.folder / name)
+
+
+class Engine(Protocol):
+    """What counts parts: this process, or a cluster."""
+
+    def __call__(
+        self, task: SweepTask, numbers: Sequence[int], after_call: Callable[[], None]
+    ) -> Generator[PartCounts]: ...
+
+
+def run_task(task: SweepTask, execution: Execution) -> Iterator[PartCounts | str]:
+    """The parts of a sweep in no certain order, stored where they are to be; and a sentence for each bad part file.
+
+    Raises:
+        InputError: parts of another sweep, a folder that cannot be written, missing parts where none may be.
+    """
+    engine = _engine(execution)
+    numbers = list(range(task.plan.part_count))
+    if execution.shard is not None:
+        index, count = execution.shard
+        numbers = numbers[index - 1 :: count]
+    store = None
+    missing = numbers
+    damaged: list[str] = []
+    if execution.folder is not None:
+        store = PartStore(
+            execution.folder,
+            task,
+            numbers=None if execution.shard is None else numbers,
+            resume=execution.resume or execution.stored_only,
+            any_machine=execution.stored_only,
+        )
+        there = set(store.stored())
+        if not execution.stored_only:
+            store.begin()
+        missing = [number for number in numbers if number not in there]
+        for number in numbers:
+            if number not in there:
+                continue
+            try:
+                part = store.read(number)
+            except BadPart as bad:
+                missing.append(number)
+                damaged.append(str(bad))
+                yield f"{bad}; it was counted again."
+            else:
+                yield part
+        yield from store.notes()
+    if execution.stored_only and missing:
+        told = ", ".join(str(number) for number in sorted(missing)[:8])
+        more = f" and {len(missing) - 8} more" if len(missing) > 8 else ""
+        what = f"damaged ({damaged[0]})" if len(damaged) == len(missing) else "missing or damaged"
+        raise InputError(
+            f"{execution.folder}: part {told}{more} of {len(numbers)} (counted from 0) is {what}; run the shards "
+            "that count them again."
+        )
+    if not missing:
+        return
+    calls = sum(len(list(task.plan.chunks(number))) for number in missing)
+    with (
+        progress_bar(total=calls, what="Sweep", show=execution.progress) as advance,
+        # However this ends, threads and processes of the engine end with it.
+        closing(engine(task, sorted(missing), advance)) as parts,
+    ):
+        for part in parts:
+            if store is not None:
+                store.write(part)
+            yield part
+
+
+def _engine(execution: Execution) -> Engine:
+    if execution.scheduler is not None:
+        from pl_mc.engine.dask_adapter import dask_engine
+
+        return dask_engine(execution.scheduler, workers=execution.workers, devices=execution.devices)
+    devices = require_devices(execution.devices)
+    threads = execution.workers or (cores() if devices == 1 else 1)
+
+    def here(task: SweepTask, numbers: Sequence[int], after_call: Callable[[], None]) -> Generator[PartCounts]:
+        return task.count_parts(numbers, threads=threads, devices=devices, after_call=after_call)
+
+    return here
