@@ -15,6 +15,8 @@ from pathlib import Path
 
 import pandas as pd
 
+from pl_mc.engine import plan
+from pl_mc.engine.identity import environment
 from pl_mc.engine.noise import LANES
 from pl_mc.experiments.common import Experiment
 from pl_mc.input_errors import InputError
@@ -84,9 +86,10 @@ def write_manifest(
         "experiment": experiment.model_dump(mode="json"),
         "inputs": {field: file_record(path) for field, path in experiment.input_files().items()},
         "noise": {"generator": "threefry2x32", "lanes_per_block": LANES},
+        "cut": {"scenarios_per_call": plan.SCENARIOS_PER_CALL, "calls_per_part": plan.CALLS_PER_PART},
         "notes": list(notes),
         "versions": {"python": platform.python_version()} | {p: importlib.metadata.version(p) for p in _RECORDED},
-        "machine": {"system": platform.system(), "processor": platform.machine(), "backend": _backend()},
+        "machine": {"system": platform.system(), **environment()},
         "seconds": round(seconds, 2),
     }
     (folder / MANIFEST).write_text(json.dumps(content, indent=2, ensure_ascii=False) + "\n", encoding="utf-8")
@@ -95,12 +98,6 @@ def write_manifest(
 def file_record(path: Path) -> dict[str, str]:
     """Name and SHA-256 of a file."""
     return {"file": path.name, "sha256": hashlib.sha256(path.read_bytes()).hexdigest()}
-
-
-def _backend() -> str:
-    import jax
-
-    return jax.default_backend()
 
 
 def _reason(error: OSError) -> str:
