@@ -13,8 +13,8 @@ from pl_mc.input_errors import InputError
 
 LARGEST_SEED = 2**32 - 1
 
-# Blocks of noise are numbered by 32-bit integers.
-LARGEST_DRAWS = LANES * (2**31 - 1)
+# Blocks of noise are numbered by 32-bit integers, also those beyond the last draw that fill up the last call.
+LARGEST_DRAWS = LANES * 2**30
 
 
 def require_geometry_and_alert(g: Geometry, alert: AlertLimits) -> None:

@@ -37,11 +37,11 @@ def dask_engine(scheduler: str, *, workers: int | None, devices: int | None) -> 
 
     Args:
         scheduler: where.
-        workers: threads that each part uses on its worker; unless given, all of a remote one's cores, one of a local.
+        workers: threads that each part uses; unless given, all cores of a remote worker, and one for a local one.
         devices: devices of its machine that each part uses.
 
     Raises:
-        InputError: Dask is not installed, no scheduler answers, it has no workers, or one differs from this process.
+        InputError: Dask is not installed, no scheduler answers, it has no workers, or one differs from here.
     """
 
     def engine(task: SweepTask, numbers: Sequence[int], after_call: Callable[[], None]) -> Generator[PartCounts]:
@@ -131,7 +131,12 @@ def _client(scheduler: str, *, threads: int | None) -> Iterator[Any]:
         if local:
             with (
                 LocalCluster(
-                    n_workers=count, threads_per_worker=1, processes=True, dashboard_address=None, silence_logs=50
+                    n_workers=count,
+                    threads_per_worker=1,
+                    processes=True,
+                    # Any free port, for this machine alone; None would mean the usual one, and a warning if taken.
+                    dashboard_address="127.0.0.1:0",
+                    silence_logs=50,
                 ) as cluster,
                 Client(cluster) as client,
             ):
@@ -147,16 +152,16 @@ def _client(scheduler: str, *, threads: int | None) -> Iterator[Any]:
 
 
 def _is_address(scheduler: str) -> bool:
-    found = urlsplit(scheduler)
     try:
+        found = urlsplit(scheduler)
         return found.scheme in ("tcp", "tls") and bool(found.hostname) and bool(found.port)
     except ValueError:  # No number of a port.
         return False
 
 
 def _local_workers(scheduler: str, threads: int) -> int:
-    given = scheduler.partition(":")[2]
-    if not given:
+    _, colon, given = scheduler.partition(":")
+    if not colon:
         return max(1, cores() // threads)
     if not given.isdigit() or int(given) < 1:
         raise InputError(f"scheduler: local:N needs a number of processes, such as local:4, not {scheduler!r}.")

@@ -158,7 +158,7 @@ class PartStore:
         except OSError as error:
             raise BadPart(f"{place}: it cannot be read ({(error.strerror or str(error)).lower()})") from None
         # No other reader sees the bytes before they are known to be what was written.
-        if not _is_whole(content):
+        if not is_whole(content):
             raise BadPart(f"{place}: it is not what was written")
         try:
             file = pq.ParquetFile(pa.BufferReader(content))
@@ -241,7 +241,7 @@ def _with_checksum(content: bytes) -> bytes:
     return content[: found.start(1)] + total + content[found.end(1) :]
 
 
-def _is_whole(content: bytes) -> bool:
+def is_whole(content: bytes) -> bool:
     """Whether a file has the checksum that it carries."""
     found = list(_CHECKSUM.finditer(content))
     if len(found) != 1:

@@ -37,8 +37,8 @@ class LinearModel:
         in_view: (n,), 1 where the row is a satellite, else 0.
         design_rows: (t, n), the same design with unknowns first: a matrix product runs faster over rows.
         mask_row: (1, n), ``in_view`` as a matrix.
-        products: (t (t + 1) / 2 + 1, n), products of pairs of design columns [1/m^2] and the mask: N of any weights,
-            and their sum, is one matrix product with these.
+        products: (t (t + 1) / 2 + 1, n), products of pairs of design columns [1/m^2] and the mask: N of any weights
+            and their sum are one matrix product with these.
         gain: (t, n), N^-1 A' P^(1/2): the least-squares state is this times the whitened observations [m].
         cofactor: (t,), diagonal of N^-1 [m^2].
         redundancy: (n,), redundancy numbers, the diagonal of I - A N^-1 A' P; zero on padding.

@@ -99,8 +99,8 @@ def inverse_columns(factor: Cholesky) -> list[list[Array]]:
 def eliminate(packed: Array, right: Array, floor: Array, go: Array) -> tuple[Array, Array]:
     """x with N x = right by Gauss-Jordan elimination, without pivoting: N is positive definite or of no use.
 
-    Each stage stands in a conditional. That skips the work where no scenario wants it; above all it keeps a compiler
-    from fusing stages, which would compute the early ones again in every later one.
+    Each stage stands in a conditional. That skips the work where no scenario wants it; above all it keeps a
+    compiler from fusing stages, which would compute the early ones again in every later one.
 
     Args:
         packed: (t (t + 1) / 2, ...), N in the order of `lower_triangle`.
