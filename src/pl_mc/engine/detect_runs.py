@@ -28,10 +28,10 @@ from pl_mc.engine.detect_core import (
     fault_free_statistics,
 )
 from pl_mc.engine.noise import LANES
-from pl_mc.engine.precision import dtype_of, precision_scope
-from pl_mc.engine.progress import with_progress
-from pl_mc.engine.threads import cores, in_order
 from pl_mc.geometry.record import Geometry
+from pl_mc.host.precision import dtype_of, precision_scope
+from pl_mc.host.progress import with_progress
+from pl_mc.host.threads import cores, in_order
 from pl_mc.input_errors import InputError, require_number, require_whole
 from pl_mc.statistics.least_squares import ls_quantities
 

@@ -10,9 +10,9 @@ from typing import Protocol
 
 from pl_mc.engine.compiling import require_devices
 from pl_mc.engine.part_files import BadPart, PartStore
-from pl_mc.engine.progress import progress_bar
 from pl_mc.engine.task import PartCounts, SweepTask
-from pl_mc.engine.threads import cores
+from pl_mc.host.progress import progress_bar
+from pl_mc.host.threads import cores
 from pl_mc.input_errors import InputError, require_whole
 
 

@@ -25,9 +25,9 @@ from pl_mc.engine.core import block_outcomes
 from pl_mc.engine.events import alarms
 from pl_mc.engine.noise import LANES
 from pl_mc.engine.plan import Chunk, make_plan
-from pl_mc.engine.precision import dtype_of, precision_scope
 from pl_mc.faults import Faults
 from pl_mc.geometry.record import EAST, NORTH, UP, Geometry
+from pl_mc.host.precision import dtype_of, precision_scope
 from pl_mc.input_errors import require_whole
 from pl_mc.kernels import linear_model, start_from
 from pl_mc.methods import Method, Outcome, as_methods

@@ -10,12 +10,12 @@ import pandas as pd
 from pl_mc.alert import LPV_200, AlertLimits
 from pl_mc.engine.checks import LARGEST_DRAWS, LARGEST_SEED, notes_on_faults, require_inputs
 from pl_mc.engine.execution import Execution, run_task
-from pl_mc.engine.precision import dtype_of
 from pl_mc.engine.table import epoch_table, fault_table
 from pl_mc.engine.task import SweepTask
 from pl_mc.engine.totals import EpochTotals, FaultTotals
 from pl_mc.faults import Faults
 from pl_mc.geometry.record import Geometry
+from pl_mc.host.precision import dtype_of
 from pl_mc.input_errors import InputError, require_whole
 from pl_mc.methods import Method, as_methods
 

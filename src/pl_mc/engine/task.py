@@ -15,11 +15,15 @@ from pl_mc.engine.compiling import compiled_count
 from pl_mc.engine.events import EVENTS
 from pl_mc.engine.noise import LANES
 from pl_mc.engine.plan import Chunk, Plan, make_plan
-from pl_mc.engine.precision import dtype_of, precision_scope
-from pl_mc.engine.threads import in_order
 from pl_mc.faults import Faults
 from pl_mc.geometry.record import Geometry
+from pl_mc.host.precision import dtype_of, precision_scope
+from pl_mc.host.threads import in_order
 from pl_mc.methods.base import Method
+
+
+# Shapes whose function this process has compiled: their first call need not run alone.
+_COMPILED: set[tuple[object, ...]] = set()
 
 
 @dataclass(frozen=True)
@@ -92,7 +96,12 @@ class SweepTask:
         calls = ((number, chunk) for number in numbers for chunk in self.plan.chunks(number))
         current: int | None = None
         found: list[tuple[Chunk, NDArray[np.int32]]] = []
-        for (number, chunk), counts in in_order(lambda call: self.count(call[1], devices), calls, threads):
+        shape = self._shape(devices)
+        results = in_order(
+            lambda call: self.count(call[1], devices), calls, threads, compiled=shape in _COMPILED
+        )  # fmt: skip
+        for (number, chunk), counts in results:
+            _COMPILED.add(shape)
             if current is not None and number != current:
                 yield self._gather(current, found)
                 found = []
@@ -101,6 +110,12 @@ class SweepTask:
             after_call()
         if current is not None:
             yield self._gather(current, found)
+
+    def _shape(self, devices: int) -> tuple[object, ...]:
+        """What the compiled function depends on."""
+        g, plan = self.plan.geometry, self.plan
+        sizes = (plan.epochs_per_call, plan.blocks_per_call, plan.fault_index.shape[1], *g.design.shape[1:])
+        return self.methods, self.precision, devices, sizes
 
     def _gather(self, number: int, found: list[tuple[Chunk, NDArray[np.int32]]]) -> PartCounts:
         first, stop = found[0][0].first_epoch, found[-1][0].stop_epoch

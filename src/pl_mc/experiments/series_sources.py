@@ -18,7 +18,6 @@ from numpy.typing import NDArray
 from pydantic import Discriminator, Field, Tag
 
 from pl_mc.engine.noise import LANES, epoch_key, unit_noise
-from pl_mc.engine.precision import dtype_of, precision_scope
 from pl_mc.error_models import error_model
 from pl_mc.experiments.common import ReceiverFiles, SimulatedGeometry, Strict
 from pl_mc.geometry import Geometry, simulate
@@ -26,6 +25,7 @@ from pl_mc.geometry.constellations import constellation_slots
 from pl_mc.geometry.flight import Flight, banked_visibility, fly, survey_plan
 from pl_mc.geometry.frames import geodetic
 from pl_mc.geometry.gps_time import gps_seconds
+from pl_mc.host.precision import dtype_of, precision_scope
 from pl_mc.input_errors import InputError
 from pl_mc.receiver import read_receiver_series, read_truth
 

@@ -14,9 +14,9 @@ from numpy.typing import NDArray
 from pydantic import Field, ValidationInfo, field_validator
 
 from pl_mc.engine.noise import epoch_key
-from pl_mc.engine.precision import precision_scope
 from pl_mc.experiments.common import Strict
 from pl_mc.geometry import Geometry
+from pl_mc.host.precision import precision_scope
 from pl_mc.input_errors import InputError
 
 # Faults draw from the stream of an epoch number that no series reaches, so that they share nothing with the noise.

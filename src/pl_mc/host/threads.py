@@ -12,16 +12,25 @@ Item = TypeVar("Item")
 Result = TypeVar("Result")
 
 
-def in_order(run: Callable[[Item], Result], items: Iterable[Item], threads: int) -> Iterator[tuple[Item, Result]]:
+def in_order(
+    run: Callable[[Item], Result], items: Iterable[Item], threads: int, *, compiled: bool = False
+) -> Iterator[tuple[Item, Result]]:
     """Each item with its result, in order, computed by a few threads that stay little ahead of the reader.
 
     A reader that stops, by Ctrl-C for one, waits for the calls that run and for none that waits.
+
+    Args:
+        run: what to do with an item.
+        items: the items.
+        threads: number of threads.
+        compiled: whether the compiled function behind ``run`` is there; else the first call, which compiles, runs
+            alone, so that the others find it.
     """
     rest = iter(items)
-    # The first call compiles; the others find the compiled function.
-    for item in rest:
-        yield item, run(item)
-        break
+    if not compiled:
+        for item in rest:
+            yield item, run(item)
+            break
     if threads == 1:
         for item in rest:
             yield item, run(item)

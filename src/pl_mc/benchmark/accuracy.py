@@ -1,0 +1,183 @@
+"""Exactness beside speed: against the NumPy form on the same observations, and single against double precision."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+import pandas as pd
+from numpy.typing import NDArray
+
+import pl_mc
+from pl_mc.alert import LPV_200
+from pl_mc.benchmark.batched_numpy import NumpyOutcome, events_of
+from pl_mc.engine.events import EVENTS
+from pl_mc.geometry.record import Geometry
+from pl_mc.statistics.intervals import clopper_pearson, shared_noise_bounds
+
+
+@dataclass(frozen=True)
+class Difference:
+    """How far a computation is from the NumPy form on the same observations.
+
+    Attributes:
+        what: the computation.
+        precision: its precision.
+        method: the method.
+        quantity: ``VPL`` or ``vertical error``.
+        scenarios: observations compared, those with a solution in both.
+        median_m, largest_m: of the absolute differences [m].
+        availability_differs: observations with a solution in one of the two alone.
+    """
+
+    what: str
+    precision: str
+    method: str
+    quantity: str
+    scenarios: int
+    median_m: float
+    largest_m: float
+    availability_differs: int
+
+
+@dataclass(frozen=True)
+class Disagreement:
+    """Observations on which single and double precision decide differently, with 95 % bounds of their share."""
+
+    method: str
+    event: str
+    count: int
+    scenarios: int
+    low: float
+    high: float
+
+
+@dataclass(frozen=True)
+class EventRate:
+    """The rate of an event over the whole ramp in one precision, with 95 % bounds.
+
+    Attributes:
+        method, event, precision: whose.
+        count: events seen; draws: draws of all faults; independent_draws: draws of noise behind them.
+        rate, low, high: as `pl_mc.statistics.intervals.shared_noise_bounds` gives them.
+    """
+
+    method: str
+    event: str
+    precision: str
+    count: int
+    draws: int
+    independent_draws: int
+    rate: float
+    low: float
+    high: float
+
+
+def solved(g: Geometry, errors_m: NDArray[np.float64], precision: str) -> dict[str, NumpyOutcome]:
+    """`pl_mc.solve` of errors (s, n) [m], as many epochs of one geometry, method by method."""
+    many = len(errors_m)
+    series = Geometry.from_rows(
+        design=np.repeat(g.design[None], many, axis=0),
+        sigma_m=np.repeat(g.sigma_m[None], many, axis=0),
+        in_view=np.ones(errors_m.shape, dtype=bool),
+        names=g.names,
+        systems=g.systems,
+        clocks=g.clocks,
+    )
+    table = pl_mc.solve(series, errors_m, precision=precision)
+    return {
+        str(name): NumpyOutcome(
+            vertical_error_m=rows.up_m.to_numpy(float),
+            vpl_m=rows.vpl_m.to_numpy(float),
+            available=rows.available.to_numpy(bool),
+        )
+        for name, rows in table.groupby("method", sort=False)
+    }
+
+
+def differences(
+    what: str, precision: str, found: Mapping[str, NumpyOutcome], reference: Mapping[str, NumpyOutcome]
+) -> list[Difference]:
+    """Each method's protection levels and errors against the reference."""
+    rows = []
+    for method, outcome in found.items():
+        other = reference[method]
+        both = outcome.available & other.available
+        for quantity, one, two in (
+            ("VPL", outcome.vpl_m, other.vpl_m),
+            ("vertical error", outcome.vertical_error_m, other.vertical_error_m),
+        ):
+            rows.append(_difference(what, precision, method, quantity, one[both] - two[both], outcome, other))
+    return rows
+
+
+def _difference(
+    what: str,
+    precision: str,
+    method: str,
+    quantity: str,
+    by_m: NDArray[np.float64],
+    outcome: NumpyOutcome,
+    other: NumpyOutcome,
+) -> Difference:
+    size = np.abs(by_m) if by_m.size else np.zeros(1)
+    return Difference(
+        what=what,
+        precision=precision,
+        method=method,
+        quantity=quantity,
+        scenarios=int(by_m.size),
+        median_m=float(np.median(size)),
+        largest_m=float(size.max()),
+        availability_differs=int((outcome.available != other.available).sum()),
+    )
+
+
+def disagreements(
+    single: Mapping[str, NumpyOutcome], double: Mapping[str, NumpyOutcome], vertical_m: float = LPV_200.vertical_m
+) -> list[Disagreement]:
+    """How often each event happens in one precision alone, on the same observations."""
+    rows = []
+    for method, outcome in single.items():
+        differ = events_of(outcome, vertical_m) != events_of(double[method], vertical_m)
+        scenarios = differ.shape[1]
+        for event, count in zip(EVENTS, differ.sum(axis=1).tolist(), strict=True):
+            low, high = clopper_pearson(count, scenarios)
+            rows.append(Disagreement(method, event.name, count, scenarios, float(low), float(high)))
+    return rows
+
+
+def event_rates(tables: Mapping[str, pd.DataFrame]) -> list[EventRate]:
+    """The rates of a sweep's table for each precision, summed over its faults."""
+    rows: list[EventRate] = []
+    for precision, table in tables.items():
+        for method, some in table.groupby("method", sort=False):
+            draws, independent = int(some.draws.sum()), int(some.draws.max())
+            for event in EVENTS:
+                count = int(some[event.count].sum())
+                # All faults saw the same draws of noise.
+                low, high = shared_noise_bounds(count / draws, independent)
+                rows.append(
+                    EventRate(
+                        method=str(method),
+                        event=event.name,
+                        precision=precision,
+                        count=count,
+                        draws=draws,
+                        independent_draws=independent,
+                        rate=count / draws,
+                        low=float(low),
+                        high=float(high),
+                    )
+                )
+    return rows
+
+
+def overlapping(rates: Sequence[EventRate]) -> tuple[int, int]:
+    """How many pairs of intervals, single and double precision of one method and event, overlap; and all pairs."""
+    by_key: dict[tuple[str, str], list[EventRate]] = {}
+    for rate in rates:
+        by_key.setdefault((rate.method, rate.event), []).append(rate)
+    pairs = [pair for pair in by_key.values() if len(pair) == 2]
+    return sum(max(a.low, b.low) <= min(a.high, b.high) for a, b in pairs), len(pairs)

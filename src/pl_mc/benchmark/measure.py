@@ -1,0 +1,134 @@
+"""Timing side by side: every computation runs once in each round, so that a busy machine hits all alike."""
+
+from __future__ import annotations
+
+import statistics
+import time
+from collections.abc import Callable, Iterable, Sequence
+from dataclasses import dataclass
+
+# The share of the asked time below which another repetition would tell nothing.
+_SHORTEST_S = 1e-9
+
+
+@dataclass(frozen=True)
+class Rate:
+    """How fast one computation ran.
+
+    Attributes:
+        what: the computation.
+        precision: ``float64`` or ``float32``.
+        threads: threads that compute, as far as the computation decides it.
+        devices: devices of JAX; 0 where JAX has no part in it.
+        scenarios: scenarios of one repetition.
+        seconds: time of each repetition [s].
+        first_call_s: time of the first call of all, which compiles [s]; None where nothing is compiled then.
+    """
+
+    what: str
+    precision: str
+    threads: int
+    devices: int
+    scenarios: int
+    seconds: tuple[float, ...]
+    first_call_s: float | None = None
+
+    @property
+    def rates(self) -> list[float]:
+        """Million scenarios per second of each repetition."""
+        return [self.scenarios / max(seconds, _SHORTEST_S) / 1e6 for seconds in self.seconds]
+
+    @property
+    def median_rate(self) -> float:
+        """Million scenarios per second."""
+        return statistics.median(self.rates)
+
+    @property
+    def best_rate(self) -> float:
+        """Million scenarios per second."""
+        return max(self.rates)
+
+
+@dataclass(frozen=True)
+class Ratio:
+    """How many times as fast one computation is as another: median, least and largest of the rounds."""
+
+    what: str
+    to: str
+    precision: str
+    median: float
+    low: float
+    high: float
+
+    @classmethod
+    def of(cls, one: Rate, other: Rate) -> Ratio:
+        """Round by round, as both were measured."""
+        found = [a / b for a, b in zip(one.rates, other.rates, strict=True)]
+        return cls(one.what, other.what, one.precision, statistics.median(found), min(found), max(found))
+
+
+@dataclass(frozen=True)
+class Contestant:
+    """One computation to be timed.
+
+    Attributes:
+        what, precision, threads, devices: as for `Rate`.
+        unit: scenarios of the smallest repetition; others are multiples of it.
+        run: does that many scenarios and gives the time that counts [s].
+        compiles: whether its first call is worth a line.
+        share: how much of the time of a repetition it gets.
+        most: units of the largest repetition; None for no limit.
+    """
+
+    what: str
+    precision: str
+    threads: int
+    devices: int
+    unit: int
+    run: Callable[[int], float]
+    compiles: bool = False
+    share: float = 1.0
+    most: int | None = None
+
+
+def timed(call: Callable[[], object]) -> float:
+    """Wall time of a call [s]."""
+    start = time.perf_counter()
+    call()
+    return time.perf_counter() - start
+
+
+def measure(
+    contestants: Sequence[Contestant],
+    *,
+    seconds: float,
+    rounds: int,
+    rounds_with_progress: Callable[[Iterable[int]], Iterable[int]] = lambda numbers: numbers,
+) -> list[Rate]:
+    """Time each computation for about ``seconds`` in all, in ``rounds`` repetitions that alternate.
+
+    One call compiles, a second one finds the size of a repetition; neither counts.
+    """
+    first = [contestant.run(contestant.unit) for contestant in contestants]
+    sizes = []
+    for contestant in contestants:
+        # One unit keeps one thread busy; several threads do several in the same time.
+        each = contestant.run(contestant.unit) / contestant.threads
+        units = max(1, int(contestant.share * seconds / rounds / max(each, _SHORTEST_S)))
+        sizes.append(contestant.unit * (units if contestant.most is None else min(units, contestant.most)))
+    times: list[list[float]] = [[] for _ in contestants]
+    for _ in rounds_with_progress(range(rounds)):
+        for contestant, size, found in zip(contestants, sizes, times, strict=True):
+            found.append(contestant.run(size))
+    return [
+        Rate(
+            what=contestant.what,
+            precision=contestant.precision,
+            threads=contestant.threads,
+            devices=contestant.devices,
+            scenarios=size,
+            seconds=tuple(found),
+            first_call_s=start if contestant.compiles else None,
+        )
+        for contestant, size, found, start in zip(contestants, sizes, times, first, strict=True)
+    ]

@@ -1,0 +1,57 @@
+"""The problem that is timed: 24 satellites of two systems, and a ramp of biases on one of them."""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+
+import pl_mc
+from pl_mc.faults import Faults
+from pl_mc.geometry.record import Geometry
+
+SATELLITES_PER_SYSTEM = 12
+FAULTED = "G08"
+MASK_DEG = 10.0
+
+# Standard deviation of a pseudorange at the zenith [m]; it grows with 1 / sqrt(sin elevation).
+ZENITH_SIGMA_M = 1.0
+
+DESCRIPTION = (
+    "24 satellites (12 GPS, 12 BeiDou), 5 unknowns, 20 biases of 5 to 100 m on one satellite; least squares and "
+    "IGG-III with 10 iterations and the default scale, protection levels, seven kinds of events"
+)
+
+
+def reference_geometry() -> Geometry:
+    """One epoch with 12 GPS and 12 BeiDou satellites, spread evenly over the sky above 10 degrees."""
+    n = 2 * SATELLITES_PER_SYSTEM
+    place = np.arange(n)
+    lowest = np.sin(np.radians(MASK_DEG))
+    # Steps of equal area in elevation and of the golden angle in azimuth leave neither gap nor cluster.
+    up = lowest + (1.0 - lowest) * (place + 0.5) / n
+    azimuth = place * np.pi * (3.0 - np.sqrt(5.0))
+    level = np.sqrt(1.0 - up**2)
+    systems = ["GC"[k % 2] for k in place]
+    design = np.column_stack(
+        [
+            -level * np.sin(azimuth),
+            -level * np.cos(azimuth),
+            -up,
+            [float(system == "G") for system in systems],
+            [float(system == "C") for system in systems],
+        ]
+    )
+    names = [f"{system}{k // 2 + 1:02d}" for k, system in enumerate(systems)]
+    return Geometry.from_arrays(design, ZENITH_SIGMA_M / np.sqrt(up), systems, names)
+
+
+def reference_faults(g: Geometry) -> Faults:
+    """The 20 biases."""
+    return pl_mc.ramp(g, satellite=FAULTED, start_m=5.0, stop_m=100.0, step_m=5.0)
+
+
+def reference_errors_m(g: Geometry, scenarios: int, *, seed: int) -> NDArray[np.float64]:
+    """(scenarios, n), noise of each satellite's sigma plus the biases in turn [m]."""
+    noise = np.random.default_rng(seed).standard_normal((scenarios, g.design.shape[0])) * g.sigma_m
+    bias_m = reference_faults(g).bias_m
+    return noise + bias_m[np.arange(scenarios) % len(bias_m)]

@@ -1,0 +1,1 @@
+"""What the host does around compiled functions: precision, threads, progress bars. It depends on nothing else."""
