@@ -9,13 +9,17 @@ import importlib
 from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
-    from pl_mc import kernels, methods
+    from pl_mc import araim, kernels, methods
     from pl_mc.alert import APV_I, APV_II, LPV_200, AlertLimits
     from pl_mc.engine import detect, sample, solve, sweep
     from pl_mc.error_models import error_model
     from pl_mc.faults import Faults, biases, no_fault, ramp, ramps
     from pl_mc.geometry import Geometry, simulate
     from pl_mc.input_errors import InputError
+    from pl_mc.integrity_risk.budget import risk_budget
+    from pl_mc.integrity_risk.calibrate import calibrate
+    from pl_mc.integrity_risk.rare import risk
+    from pl_mc.integrity_risk.worst_case import worst_case
     from pl_mc.methods import Igg3 as igg3
     from pl_mc.methods import Ls as ls
     from pl_mc.statistics import exact, reliability
@@ -26,12 +30,14 @@ __version__ = "0.1.0"
 _PUBLIC = {
     "APV_I": ("pl_mc.alert", "APV_I"),
     "APV_II": ("pl_mc.alert", "APV_II"),
-    "LPV_200": ("pl_mc.alert", "LPV_200"),
     "AlertLimits": ("pl_mc.alert", "AlertLimits"),
     "Faults": ("pl_mc.faults", "Faults"),
     "Geometry": ("pl_mc.geometry", "Geometry"),
     "InputError": ("pl_mc.input_errors", "InputError"),
+    "LPV_200": ("pl_mc.alert", "LPV_200"),
+    "araim": ("pl_mc.araim", None),
     "biases": ("pl_mc.faults", "biases"),
+    "calibrate": ("pl_mc.integrity_risk.calibrate", "calibrate"),
     "detect": ("pl_mc.engine", "detect"),
     "error_model": ("pl_mc.error_models", "error_model"),
     "exact": ("pl_mc.statistics.exact", None),
@@ -43,10 +49,13 @@ _PUBLIC = {
     "ramp": ("pl_mc.faults", "ramp"),
     "ramps": ("pl_mc.faults", "ramps"),
     "reliability": ("pl_mc.statistics", "reliability"),
+    "risk": ("pl_mc.integrity_risk.rare", "risk"),
+    "risk_budget": ("pl_mc.integrity_risk.budget", "risk_budget"),
     "sample": ("pl_mc.engine", "sample"),
     "simulate": ("pl_mc.geometry", "simulate"),
     "solve": ("pl_mc.engine", "solve"),
     "sweep": ("pl_mc.engine", "sweep"),
+    "worst_case": ("pl_mc.integrity_risk.worst_case", "worst_case"),
 }
 
 __all__ = [
@@ -58,7 +67,9 @@ __all__ = [
     "Geometry",
     "InputError",
     "__version__",
+    "araim",
     "biases",
+    "calibrate",
     "detect",
     "error_model",
     "exact",
@@ -70,10 +81,13 @@ __all__ = [
     "ramp",
     "ramps",
     "reliability",
+    "risk",
+    "risk_budget",
     "sample",
     "simulate",
     "solve",
     "sweep",
+    "worst_case",
 ]
 
 

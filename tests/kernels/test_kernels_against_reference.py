@@ -29,6 +29,9 @@ OPTIONS = {
     "cofactor none, mad": {"cofactor": "none", "scale": "mad"},
     "redundancy kept, one iteration": {"redundancy": "kept", "iterations": 1},
     "redundancy weights": {"redundancy": "weights"},
+    "huber first": {"start": "huber"},
+    "huber first, mad, reweighted": {"start": "huber", "scale": "mad", "cofactor": "reweighted", "iterations": 2},
+    "weight floor": {"weight_floor": 0.01, "scale": "apriori"},
 }
 
 

@@ -105,6 +105,9 @@ def test_signature(any_method):
 def test_names(name):
     """The registry's name, and the options in which a method differs from its defaults."""
     assert method(name).name == name
+    if not hasattr(method(name), "k_vertical"):
+        assert method(name, b_nom_m=0.5).name == f"{name}(b_nom_m=0.5)"
+        return
     assert method(name, k_vertical=6.5).name == f"{name}(k_vertical=6.5)"
     assert method(name, k_vertical=method(name).k_vertical).name == name
 
@@ -136,6 +139,9 @@ def test_padding_changes_nothing(any_method):
                                                        ([0, 1, 2, 3], False)])  # fmt: skip
 def test_availability(any_method, satellites, available):
     """t + 1 satellites are needed, t without the clocks that nothing observes; Galileo begins with number 5."""
+    if any_method == method("araim"):
+        # It has no level where the fault of a constellation is probable and leaves no position.
+        any_method = method("araim", p_const=0.0)
     found = outcome(any_method, *scenarios(), np.isin(np.arange(10), satellites))
     for values in (found.vpl_m, found.hpl_m, found.error_m):
         assert not np.isnan(values).any()
@@ -175,7 +181,9 @@ def test_a_turn_about_the_vertical_turns_the_error_alone(any_method):
     turned = np.hstack([design[:, :3] @ rotation.T, design[:, 3:]])
     found, expected = outcome(any_method, turned, sigma, observed), outcome(any_method, design, sigma, observed)
     np.testing.assert_allclose(found.vpl_m, expected.vpl_m, rtol=TOLERANCE)
-    np.testing.assert_allclose(found.hpl_m, expected.hpl_m, rtol=TOLERANCE)
+    if any_method.name != "araim":
+        # The horizontal level of ARAIM puts levels along two axes together, so that it depends on these.
+        np.testing.assert_allclose(found.hpl_m, expected.hpl_m, rtol=TOLERANCE)
     np.testing.assert_allclose(found.error_m, rotation @ np.asarray(expected.error_m), rtol=0, atol=TOLERANCE)
 
 

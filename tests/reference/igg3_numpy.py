@@ -8,6 +8,8 @@ Conventions that the paper leaves open:
 
 * the scale of a standardised residual, its cofactor and the divisor of the unit-weight error are the arguments
   ``scale``, ``cofactor`` and ``redundancy``;
+* the iteration starts from least squares, or (``start="huber"``) from five more solutions with Huber's weights;
+* no weight factor falls below ``weight_floor``, which is zero unless given;
 * a satellite whose redundancy number is below 1e-10 keeps its weight;
 * a solution is undetermined with fewer than t + 1 satellites of positive weight, or if a Cholesky pivot is below
   1e-10 of the same pivot of the fault-free normal matrix; a scenario is, if one of its solutions is.
@@ -86,6 +88,11 @@ def igg3_weight(u: float, k0: float = K0, k1: float = K1) -> float:
     return 0.0
 
 
+def huber_weight(u: float, k: float = 1.345) -> float:
+    """Huber (1964)."""
+    return 1.0 if abs(u) <= k else k / abs(u)
+
+
 def igg3(
     design,
     sigma_m,
@@ -97,6 +104,8 @@ def igg3(
     scale: str = "posterior_floored",
     cofactor: str = "fault_free",
     redundancy: str = "all",
+    start: str = "ls",
+    weight_floor: float = 0.0,
 ) -> Solution:
     """Eqs 6, 7 and 17: least squares, then ``iterations`` times weights from the residuals and a new solution."""
     a, sigma, observed = delete_what_is_out_of_view(design, sigma_m, observed_m, in_view)
@@ -111,7 +120,7 @@ def igg3(
     fault_free_r = np.diag(np.eye(n) - a @ np.linalg.inv(fault_free_normal) @ a.T @ p)
     checked = fault_free_r >= 1e-10
 
-    for _ in range(iterations):
+    for one_weight in [huber_weight] * {"ls": 0, "huber": 5}[start] + [weight] * iterations:
         if cofactor == "none":
             sigma_v, standardised = sigma, np.ones(n, dtype=bool)
         else:
@@ -124,7 +133,7 @@ def igg3(
             sigma_v, standardised = sigma * np.sqrt(np.where(checked, r, 1.0)), checked
         u = np.where(standardised, np.abs(now.v) / sigma_v, 0.0)
         u = u / the_scale(scale, now, p, n - t, u[standardised])
-        w = np.array([weight(value) for value in u])
+        w = np.array([max(one_weight(value), weight_floor) for value in u])
 
         p_bar = p @ np.diag(w)
         normal = a.T @ p_bar @ a

@@ -21,7 +21,6 @@ from pl_mc.host.precision import dtype_of, precision_scope
 from pl_mc.host.threads import in_order
 from pl_mc.methods.base import Method
 
-
 # Shapes whose function this process has compiled: their first call need not run alone.
 _COMPILED: set[tuple[object, ...]] = set()
 

@@ -5,7 +5,18 @@ from __future__ import annotations
 from collections.abc import Callable
 from dataclasses import dataclass
 
-from pl_mc.experiments import guo_run, map_run, observe_run, readings_run, satellite_ramp_run, series_run, sweep_run
+from pl_mc.experiments import (
+    guo_run,
+    map_run,
+    observe_run,
+    readings_run,
+    risk_run,
+    satellite_ramp_run,
+    series_run,
+    stanford_run,
+    sweep_run,
+    variants_run,
+)
 from pl_mc.experiments.common import Experiment
 from pl_mc.experiments.sweeps import PlannedSweep
 
@@ -34,5 +45,8 @@ KINDS: dict[str, Kind] = {
     ),
     "sweep": Kind(sweep_run.SweepExperiment, sweep_run.run, sweep_run.sweeps),
     "observe": Kind(observe_run.ObserveExperiment, observe_run.run),
+    "risk": Kind(risk_run.RiskExperiment, risk_run.run),
+    "stanford": Kind(stanford_run.StanfordExperiment, stanford_run.run),
+    "variants": Kind(variants_run.VariantsExperiment, variants_run.run, variants_run.sweeps),
     "series": Kind(series_run.SeriesExperiment, series_run.run),
 }

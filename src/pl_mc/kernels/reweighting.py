@@ -8,21 +8,26 @@ Where the first paper is silent, `IrlsOptions` names the choice.
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import jax
 import jax.numpy as jnp
 from jax import Array
 
-from pl_mc.input_errors import require_choice, require_whole
+from pl_mc.input_errors import InputError, require_choice, require_number, require_whole
 from pl_mc.kernels.estimate import Estimate, Start, safe_sqrt
 from pl_mc.kernels.linear_model import COORDINATES, LinearModel, add_empty, per_lane, product, redundancy_floor
 from pl_mc.kernels.small_matrix import cholesky, eliminate, inverse_columns, lower_triangle
-from pl_mc.kernels.weights import Igg3Weight, WeightFunction
+from pl_mc.kernels.weights import HuberWeight, Igg3Weight, WeightFunction
 
 SCALES = ("posterior_floored", "apriori", "posterior", "mad", "mad_floored")
 COFACTORS = ("fault_free", "reweighted", "none")
 REDUNDANCIES = ("all", "kept", "weights")
+STARTS = ("ls", "huber")
+
+# Solutions with Huber's weights before the first one with those of the estimate. They throw nothing out, so five of
+# them take most of a single large error off the good satellites before weights of zero are given.
+HUBER_START = 5
 
 # The median absolute value of a standard normal variable is 1 / 1.4826.
 MAD_TO_SIGMA = 1.482602218505602
@@ -43,6 +48,11 @@ class IrlsOptions:
             for sigma itself.
         redundancy: what divides the weighted square sum in the unit-weight error of the final solution: ``all``
             n - t, rejected satellites included; ``kept`` satellites with w > 0, less t; ``weights`` sum w less t.
+        start: what the first weights come from: ``ls`` the residuals of least squares; ``huber`` those of
+            `HUBER_START` solutions after it with Huber's weights (k = 1.345), of the same scale and cofactor. They
+            are solutions more than ``iterations``.
+        weight_floor: the smallest weight factor, below one. With zero satellites can be thrown out; above zero none
+            is.
     """
 
     weight: WeightFunction = Igg3Weight()  # noqa: RUF009 (a frozen record)
@@ -50,12 +60,17 @@ class IrlsOptions:
     scale: str = "posterior_floored"
     cofactor: str = "fault_free"
     redundancy: str = "all"
+    start: str = "ls"
+    weight_floor: float = 0.0
 
     def __post_init__(self) -> None:
         require_choice(self.scale, SCALES, field="scale")
         require_choice(self.cofactor, COFACTORS, field="cofactor")
         require_choice(self.redundancy, REDUNDANCIES, field="redundancy")
+        require_choice(self.start, STARTS, field="start")
         require_whole(self.iterations, field="iterations", low=1)
+        if not 0.0 <= require_number(self.weight_floor, field="weight_floor") < 1.0:
+            raise InputError(f"weight_floor: a number from 0 to below 1 is needed, not {self.weight_floor!r}.")
 
 
 @jax.tree_util.register_dataclass
@@ -95,10 +110,11 @@ def irls(model: LinearModel, start: Start, options: IrlsOptions) -> Estimate:
         weights = _weights(model, start, iterate, weights, options)
         return (_solve_weighted(model, start, weights, iterate.determined)[0], weights), None
 
+    first_weights = jnp.ones_like(start.residuals)
+    if options.start == "huber":
+        first, first_weights = _huber_start(model, start, first, first_weights, options)
     # The last solution stands outside the loop, since it alone is asked for its cofactors.
-    (before, weights), _ = jax.lax.scan(
-        step, (first, jnp.ones_like(start.residuals)), None, length=options.iterations - 1
-    )
+    (before, weights), _ = jax.lax.scan(step, (first, first_weights), None, length=options.iterations - 1)
     weights = _weights(model, start, before, weights, options)
     last, cofactor = _solve_weighted(model, start, weights, before.determined, cofactors=COORDINATES)
 
@@ -122,6 +138,20 @@ def irls(model: LinearModel, start: Start, options: IrlsOptions) -> Estimate:
         change_m=jnp.where(available, jnp.max(jnp.abs(last.shift - before.shift)[:3], axis=0), jnp.inf),
         available=available,
     )
+
+
+def _huber_start(
+    model: LinearModel, start: Start, first: _Iterate, weights: Array, options: IrlsOptions
+) -> tuple[_Iterate, Array]:
+    """The last of the solutions with Huber's weights, and those weights."""
+    huber = replace(options, weight=HuberWeight())
+
+    def step(carry: tuple[_Iterate, Array], _: None) -> tuple[tuple[_Iterate, Array], None]:
+        iterate, weights = carry
+        weights = _weights(model, start, iterate, weights, huber)
+        return (_solve_weighted(model, start, weights, iterate.determined)[0], weights), None
+
+    return jax.lax.scan(step, (first, weights), None, length=HUBER_START)[0]
 
 
 def _kept(model: LinearModel, weights: Array) -> Array:
@@ -166,7 +196,8 @@ def _weights(model: LinearModel, start: Start, iterate: _Iterate, weights: Array
     size = jnp.abs(start.residuals - iterate.fit) * _inverse_residual_sigma(model, weights, options)
     scale = _scale(model, iterate, size, options)
     # A perfect fit leaves no scale; it is undetermined or exact, and any finite number serves.
-    return options.weight(size * (1.0 / jnp.where(scale > 0, scale, 1.0))[None])
+    weights = options.weight(size * (1.0 / jnp.where(scale > 0, scale, 1.0))[None])
+    return jnp.maximum(weights, options.weight_floor) if options.weight_floor else weights
 
 
 def _scale(model: LinearModel, iterate: _Iterate, size: Array, options: IrlsOptions) -> Array:

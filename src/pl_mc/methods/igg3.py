@@ -20,6 +20,8 @@ class Igg3:
         scale: ``posterior_floored``, ``apriori``, ``posterior``, ``mad`` or ``mad_floored``.
         cofactor: N of the residuals' standard deviations: ``fault_free``, ``reweighted`` or ``none``.
         redundancy: divisor of the unit-weight error: ``all``, ``kept`` or ``weights``.
+        start: ``ls``, or ``huber``: five solutions with Huber's weights before the first with those of IGG-III.
+        weight_floor: smallest weight factor; above zero no satellite is thrown out.
         k_horizontal, k_vertical: multipliers of the protection levels.
     """
 
@@ -29,6 +31,8 @@ class Igg3:
     scale: str = "posterior_floored"
     cofactor: str = "fault_free"
     redundancy: str = "all"
+    start: str = "ls"
+    weight_floor: float = 0.0
     k_horizontal: float = K_HORIZONTAL
     k_vertical: float = K_VERTICAL
 
@@ -51,6 +55,8 @@ class Igg3:
             scale=self.scale,
             cofactor=self.cofactor,
             redundancy=self.redundancy,
+            start=self.start,
+            weight_floor=self.weight_floor,
         )
 
     def prepare(self, model: LinearModel) -> tuple[()]:

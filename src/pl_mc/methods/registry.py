@@ -5,12 +5,14 @@ from __future__ import annotations
 from collections.abc import Sequence
 from typing import Any
 
+from pl_mc.methods.araim import Araim
 from pl_mc.methods.base import Method
+from pl_mc.methods.gated_igg3 import GatedIgg3
 from pl_mc.methods.igg3 import Igg3
 from pl_mc.methods.ls import Ls
 from pl_mc.named import as_records, build_named
 
-METHODS: dict[str, type] = {"ls": Ls, "igg3": Igg3}
+METHODS: dict[str, type] = {"ls": Ls, "igg3": Igg3, "igg3_gated": GatedIgg3, "araim": Araim}
 
 
 def method(name: str, **options: Any) -> Method:

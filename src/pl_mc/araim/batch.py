@@ -1,0 +1,159 @@
+"""What `protection_levels` was given, checked and brought to arrays over a batch of geometries."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from pl_mc.araim.budget import Budget
+from pl_mc.araim.modes import UNMONITORED
+from pl_mc.geometry.record import POSITION_UNKNOWNS, SYSTEM_NAMES
+from pl_mc.input_errors import InputError, nearest, require_choice, require_number
+
+FloatArray = NDArray[np.float64]
+
+
+@dataclass(frozen=True)
+class Batch:
+    """Geometries with finite numbers everywhere; rows out of view are zero, their variances are 1.
+
+    Attributes:
+        design: (g, n, t) [m/m]; in_view: (g, n).
+        c_int, c_acc: (g, n), variances [m^2].
+        b_nom: (g, n), largest nominal biases [m].
+        p_sat: (g, n), priors; zero out of view.
+        systems: (g, n), letters; empty out of view.
+        p_const: prior by letter.
+        single: whether the caller gave one geometry without an axis of geometries.
+    """
+
+    design: FloatArray
+    in_view: NDArray[np.bool_]
+    c_int: FloatArray
+    c_acc: FloatArray
+    b_nom: FloatArray
+    p_sat: FloatArray
+    systems: NDArray[np.str_]
+    p_const: dict[str, float]
+    single: bool
+
+
+def as_batch(
+    design: ArrayLike,
+    c_int: ArrayLike,
+    c_acc: ArrayLike,
+    systems: Sequence[str] | Sequence[Sequence[str]],
+    b_nom: ArrayLike,
+    p_sat: ArrayLike,
+    p_const: Mapping[str, float],
+    budget: Budget,
+    unmonitored: str,
+    in_view: ArrayLike | None,
+) -> Batch:
+    """The batch; an `InputError` says what does not fit."""
+    if not isinstance(budget, Budget):
+        raise InputError(f"budget: a budget such as pl_mc.araim.LPV_200 is needed, not {type(budget).__name__}.")
+    require_choice(unmonitored, UNMONITORED, field="unmonitored")
+    rows = _numbers("design", design)
+    single = rows.ndim == 2
+    rows = rows[None] if single else rows
+    if rows.ndim != 3 or rows.shape[2] <= POSITION_UNKNOWNS or 0 in rows.shape:
+        raise InputError(
+            "design: the shape (n, t) or (g, n, t) with three position columns and at least one clock is needed, "
+            f"not {np.shape(design)}."
+        )
+    g, n, _ = rows.shape
+    seen = np.ones((g, n), bool) if in_view is None else _spread("in_view", np.asarray(in_view, bool), g, n)
+    if not np.isfinite(rows[seen]).all():
+        raise InputError("design: the rows of satellites in view are finite numbers.")
+    letters = _letters(systems, seen)
+    variances = []
+    for field, value in (("c_int", c_int), ("c_acc", c_acc)):
+        given = _spread(field, _diagonal(field, _numbers(field, value), single, n), g, n)
+        if not ((given > 0) & np.isfinite(given))[seen].all():
+            raise InputError(f"{field}: a variance is finite and positive for every satellite in view.")
+        variances.append(np.where(seen, given, 1.0))
+    bias = _spread("b_nom", _numbers("b_nom", b_nom), g, n)
+    if not ((bias >= 0) & np.isfinite(bias))[seen].all():
+        raise InputError("b_nom: a nominal bias is the largest size of an error, finite and not negative.")
+    p = _spread("p_sat", _numbers("p_sat", p_sat), g, n)
+    if not ((p >= 0) & (p < 1))[seen].all():
+        raise InputError("p_sat: a prior probability lies between 0 and 1, 1 excluded.")
+    return Batch(
+        design=np.where(seen[..., None], rows, 0.0),
+        in_view=seen,
+        c_int=variances[0],
+        c_acc=variances[1],
+        b_nom=np.where(seen, bias, 0.0),
+        p_sat=np.where(seen, p, 0.0),
+        systems=letters,
+        p_const=_constellations(p_const, letters),
+        single=single,
+    )
+
+
+def _numbers(field: str, value: ArrayLike) -> FloatArray:
+    try:
+        return np.asarray(value, dtype=float)
+    except (TypeError, ValueError) as error:
+        raise InputError(f"{field}: it cannot be read as an array of numbers ({error}).") from None
+
+
+def _spread(field: str, value: NDArray[Any], g: int, n: int) -> NDArray[Any]:
+    """(g, n), from one number, one for each satellite, or one for each satellite of each geometry."""
+    if value.shape not in ((), (n,), (g, n)):
+        raise InputError(f"{field}: its shape is (), ({n},) or ({g}, {n}), as the design says, not {value.shape}.")
+    return np.broadcast_to(value, (g, n))
+
+
+def _diagonal(field: str, value: FloatArray, single: bool, n: int) -> FloatArray:
+    """Variances, also out of covariance matrices (n, n) of one geometry or (g, n, n) of several."""
+    if value.shape[-2:] != (n, n) or value.ndim != (2 if single else 3):
+        return value
+    diagonal = np.diagonal(value, axis1=-2, axis2=-1)
+    if (value != diagonal[..., None] * np.eye(n)).any():
+        raise InputError(f"{field}: the errors of the satellites are independent, so off the diagonal all is zero.")
+    return diagonal
+
+
+def _letters(systems: Any, seen: NDArray[np.bool_]) -> NDArray[np.str_]:
+    g, n = seen.shape
+    try:
+        given = np.array(list(systems) if isinstance(systems, str) else systems, dtype=np.str_)
+    except (TypeError, ValueError) as error:
+        raise InputError(f"systems: it cannot be read as RINEX letters ({error}).") from None
+    if given.ndim == 1 and given.shape == (g,) and g != n:
+        # A sequence of words, "GGGEEE" for each geometry.
+        given = (
+            np.array([list(word) for word in given.tolist()]) if {len(w) for w in given.tolist()} == {n} else given
+        )
+    if given.shape not in ((n,), (g, n)):
+        raise InputError(f"systems: one RINEX letter for each of the {n} rows is needed, not shape {given.shape}.")
+    letters = np.where(seen, np.broadcast_to(given, (g, n)), "")
+    for letter in np.unique(letters[seen]).tolist():
+        if letter not in SYSTEM_NAMES:
+            raise InputError(f"systems: {letter!r} is unknown ({nearest(letter, SYSTEM_NAMES)}).")
+    return letters
+
+
+def _constellations(p_const: Any, letters: NDArray[np.str_]) -> dict[str, float]:
+    if not isinstance(p_const, Mapping):
+        raise InputError(
+            f"p_const: a mapping from letter to probability is needed, such as {{'G': 1e-8}}, not {p_const!r}."
+        )
+    found = {}
+    for letter in sorted(set(letters.ravel().tolist()) - {""}):
+        if letter not in p_const:
+            raise InputError(
+                f"p_const: there is no probability of {letter!r} ({nearest(letter, map(str, p_const))})."
+            )
+        found[letter] = require_number(p_const[letter], field=f"p_const[{letter!r}]")
+        if not 0.0 <= found[letter] < 1.0:
+            raise InputError(
+                f"p_const[{letter!r}]: a prior probability lies between 0 and 1, 1 excluded, not {found[letter]!r}."
+            )
+    return found

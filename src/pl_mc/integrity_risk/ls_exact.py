@@ -1,0 +1,290 @@
+"""Least squares of one epoch as integrity risk sees it: two numbers per fault, and the worst fault of a kind.
+
+A fault enters through two numbers alone: the mean vertical error s.b and the noncentrality b'Mb of V'PV, with
+M = P - P A N^-1 A'P. For a given noncentrality every event here becomes likelier the larger |s.b| is. Hence of all
+faults that have the form D c (the columns of D span what may fail together: one satellite, a pair, a constellation)
+the worst has the direction of the largest slope |s.b| / sqrt(b'Mb), which is c = (D'MD)^-1 D's (Angus 2006, RAIM
+with multiple faults, NAVIGATION 53); only its size is left to be searched for, in one dimension.
+
+Everything is in the error's standard deviations and the square root of the noncentrality, so that the answers
+depend on no unit of length.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+from scipy import special
+
+from pl_mc.alert import AlertLimits
+from pl_mc.geometry.record import Geometry
+from pl_mc.input_errors import InputError, require_choice
+from pl_mc.kernels.linear_model import REDUNDANCY_FLOOR
+from pl_mc.methods import Ls
+from pl_mc.statistics.exact import CHI2_ALARM, PL_ALARM
+from pl_mc.statistics.least_squares import ls_quantities
+from pl_mc.statistics.noncentral import joint_exceedance, split_at_threshold
+from pl_mc.statistics.student import chi2_threshold
+
+FloatArray = NDArray[np.float64]
+
+MISSED, MISLEADING = "missed", "misleading"
+EVENTS = (MISSED, MISLEADING)
+
+# A direction of unit length moves the height by at most one VDOP; below this share the rest is rounding.
+_NO_EFFECT = 1e-9
+# sqrt(V'PV) is never this far below its offset: the probability would be below the smallest double.
+_REACH = 40.0
+_STEPS_PER_UNIT, _FEWEST_STEPS, _MOST_STEPS = 3.0, 150, 1500
+# Peaks of the scan below this share of the largest value are not refined, nor more than so many per row.
+_WORTH_REFINING, _MOST_PEAKS = 0.1, 3
+# Each round narrows the bracket four times; 8 of them reach the rounding of a probability at its top.
+_ROUNDS, _POINTS = 8, 9
+# A peak that is higher than no fault at all by less than this is the rounding of a peak at zero.
+_FLAT = 1e-10
+
+
+@dataclass(frozen=True)
+class LsEpoch:
+    """Least squares of one epoch with its alarm.
+
+    Attributes:
+        available: whether there is a solution with a posterior variance; else it alarms always.
+        sigma_m: (n,), standard deviation of each pseudorange [m].
+        vdop_m: standard deviation of the vertical error [m].
+        sensitivity: (n,), mean vertical error per whitened bias, both in standard deviations; of length 1.
+        basis: (n, t), orthonormal columns that span the whitened design.
+        dof: degrees of freedom of V'PV, n - t.
+        threshold: V'PV above which there is an alarm.
+        level_slope: protection level per sqrt(V'PV), in standard deviations of the vertical error.
+        limit: VAL in these standard deviations.
+    """
+
+    available: bool
+    sigma_m: FloatArray
+    vdop_m: float
+    sensitivity: FloatArray
+    basis: FloatArray
+    dof: int
+    threshold: float
+    level_slope: float
+    limit: float
+
+    def effects(self, bias_m: FloatArray) -> tuple[FloatArray, FloatArray]:
+        """Mean vertical error [its standard deviations] and root of the noncentrality of faults (..., n) [m]."""
+        whitened = bias_m / self.sigma_m
+        residual = whitened - (whitened @ self.basis) @ self.basis.T
+        return whitened @ self.sensitivity, np.sqrt((residual**2).sum(axis=-1))
+
+
+@dataclass(frozen=True)
+class Direction:
+    """The worst direction among faults D c.
+
+    Attributes:
+        slope: largest mean vertical error, in its standard deviations, per unit of the root of the noncentrality;
+            infinite where a fault moves the height and no residual.
+        bias_m: (n,), the fault with noncentrality 1; of unit length where the slope is infinite [m].
+    """
+
+    slope: float
+    bias_m: FloatArray
+
+
+def ls_epoch(g: Geometry, method: Ls, *, alarm: str, p_fa: float, alert: AlertLimits) -> LsEpoch:
+    """The quantities of a single epoch.
+
+    Args:
+        g: one epoch.
+        method: least squares with its multiplier.
+        alarm: ``pl``, alarm when VPL > VAL; ``chi2``, alarm when V'PV exceeds its fault-free quantile at ``p_fa``.
+        p_fa: fault-free alarm probability of ``chi2``.
+        alert: alert limits; the vertical one is used.
+    """
+    require_choice(alarm, (PL_ALARM, CHI2_ALARM), field="alarm")
+    quantities = ls_quantities(g)
+    available, dof, vdop_m = bool(quantities.available), int(quantities.dof), float(quantities.vdop_m)
+    threshold = np.nan
+    if available and alarm == PL_ALARM:
+        threshold = dof * (alert.vertical_m / (method.k_vertical * vdop_m)) ** 2
+    elif available:
+        threshold = float(chi2_threshold(dof, p_fa))
+    elif alarm == CHI2_ALARM:
+        chi2_threshold(1, p_fa)  # The check of the probability.
+    return LsEpoch(
+        available=available,
+        sigma_m=np.asarray(g.sigma_m),
+        vdop_m=vdop_m,
+        sensitivity=quantities.gain * np.asarray(g.sigma_m) / vdop_m,
+        basis=quantities.basis,
+        dof=dof,
+        threshold=threshold,
+        level_slope=method.k_vertical / np.sqrt(max(dof, 1)),
+        limit=alert.vertical_m / vdop_m,
+    )
+
+
+def worst_direction(epoch: LsEpoch, directions: FloatArray) -> Direction:
+    """The direction of largest slope among the faults ``directions @ c``.
+
+    A direction that no residual shows counts as undetected where it moves the height, and is left out where it does
+    not, such as a common bias of all satellites that share a clock.
+
+    Args:
+        epoch: an available epoch.
+        directions: (n, k), columns that span the faults, in metres.
+    """
+    whitened = directions / epoch.sigma_m[:, None]
+    # Columns of one length, so that a small singular value means little redundancy and not a small unit.
+    whitened = whitened / np.linalg.norm(whitened, axis=0)
+    residual = whitened - epoch.basis @ (epoch.basis.T @ whitened)
+    _, values, right = np.linalg.svd(residual, full_matrices=True)
+    values = np.concatenate([values, np.zeros(right.shape[0] - values.size)])
+    effect = right @ (whitened.T @ epoch.sensitivity)
+    seen = values >= np.sqrt(REDUNDANCY_FLOOR)
+    hidden = ~seen & (np.abs(effect) > _NO_EFFECT)
+    if hidden.any():
+        unseen = (whitened @ (right.T @ np.where(hidden, effect, 0.0))) * epoch.sigma_m
+        return Direction(np.inf, unseen / np.linalg.norm(unseen))
+    per_unit = np.where(seen, effect / np.where(seen, values, 1.0), 0.0)
+    slope = float(np.linalg.norm(per_unit))
+    if slope <= _NO_EFFECT:
+        # No fault of this kind moves the height; any of them will do, and the worst size is none.
+        return Direction(0.0, directions[:, 0])
+    step = right.T @ np.where(seen, per_unit / np.where(seen, values, 1.0), 0.0)
+    return Direction(slope, (whitened @ step) * epoch.sigma_m / slope)
+
+
+def event_probability(epoch: LsEpoch, event: str, shift: ArrayLike, root: ArrayLike) -> FloatArray:
+    """P(event) of faults with these mean errors and roots of the noncentrality (...), relative accuracy 1e-9.
+
+    Args:
+        epoch: an available epoch.
+        event: ``missed``, |vertical error| > VAL and no alarm; ``misleading``, |vertical error| > VPL and no alarm.
+        shift: (...), mean vertical error in its standard deviations.
+        root: (...), root of the noncentrality of V'PV.
+    """
+    shift, root = np.abs(shift), np.asarray(root, dtype=float)
+    if event == MISSED:
+        hazard = special.ndtr(shift - epoch.limit) + special.ndtr(-shift - epoch.limit)
+        return hazard * quiet_probability(epoch, root)
+    return np.minimum(joint_exceedance(epoch.threshold, epoch.dof, root**2, epoch.level_slope, shift)[0], 1.0)
+
+
+def quiet_probability(epoch: LsEpoch, root: ArrayLike) -> FloatArray:
+    """P(no alarm) at each root of the noncentrality (...)."""
+    return split_at_threshold(epoch.threshold, epoch.dof, np.asarray(root, dtype=float) ** 2)[0]
+
+
+def alarm_probability(epoch: LsEpoch, root: ArrayLike) -> FloatArray:
+    """P(alarm) at each root of the noncentrality (...), with the relative accuracy of a small one."""
+    return split_at_threshold(epoch.threshold, epoch.dof, np.asarray(root, dtype=float) ** 2)[1]
+
+
+def upper_bound(epoch: LsEpoch, event: str, shift: ArrayLike, root: ArrayLike) -> FloatArray:
+    """A bound of `event_probability` that costs no integral; the arguments are the same.
+
+    sqrt(V'PV) is at least B, its component along the fault, Normal(root, 1): without an alarm B <= sqrt(threshold),
+    and an error A beyond the level has A > slope B or -A > slope B.
+    """
+    shift, root = np.abs(shift), np.asarray(root, dtype=float)
+    quiet = special.ndtr(np.sqrt(epoch.threshold) - root)
+    if event == MISSED:
+        return quiet * (special.ndtr(shift - epoch.limit) + special.ndtr(-shift - epoch.limit))
+    steep = epoch.level_slope
+    length = np.hypot(1.0, steep)
+    beyond = special.ndtr((shift - steep * root) / length) + special.ndtr((-shift - steep * root) / length)
+    return np.minimum(quiet, beyond)
+
+
+def peaks(epoch: LsEpoch, event: str, slopes: ArrayLike) -> tuple[FloatArray, FloatArray]:
+    """The worst size along directions of given slopes: root of the noncentrality (m,) and probability (m,).
+
+    A scan over all sizes at which the probability is not below the smallest double, then every peak of it that may
+    be the highest is narrowed down. Both signs of a fault are equally likely to be missed. An infinite slope gives
+    an infinite size and P(no alarm) without a fault, which the probability approaches.
+
+    Args:
+        epoch: an available epoch.
+        event: as for `event_probability`.
+        slopes: (m,), as of `Direction`.
+    """
+    slopes = np.atleast_1d(np.asarray(slopes, dtype=float))
+    best_root, best = np.full(slopes.size, np.inf), np.full(slopes.size, float(quiet_probability(epoch, 0.0)))
+    rows = np.flatnonzero(np.isfinite(slopes))
+    if rows.size == 0:
+        return best_root, best
+    scan = _scan_roots(epoch)
+    values = _along(epoch, event, slopes[rows], np.broadcast_to(scan, (rows.size, scan.size)), shared=True)
+    place, peak = _peaks_of(values)
+    low, high = scan[np.maximum(peak - 1, 0)], scan[np.minimum(peak + 1, scan.size - 1)]
+    found, top = _refine(epoch, event, slopes[rows][place], low, high)
+    for k, row in enumerate(rows):
+        mine = np.flatnonzero(place == k)
+        first = mine[top[mine].argmax()]
+        best_root[row], best[row] = found[first], top[first]
+        if top[first] <= values[k, 0] * (1.0 + _FLAT):
+            best_root[row], best[row] = 0.0, values[k, 0]
+    return best_root, best
+
+
+def _scan_roots(epoch: LsEpoch) -> FloatArray:
+    """Roots of the noncentrality from 0 to where an alarm is certain."""
+    last = np.sqrt(epoch.threshold) + _REACH
+    steps = int(np.clip(_STEPS_PER_UNIT * last, _FEWEST_STEPS, _MOST_STEPS))
+    return np.linspace(0.0, last, steps + 1)
+
+
+def _along(
+    epoch: LsEpoch, event: str, slopes: FloatArray, roots: FloatArray, *, shared: bool = False
+) -> FloatArray:
+    """The event's probability (m, points) at roots (m, points) along directions of these slopes (m,)."""
+    if event == MISSED and shared:
+        # The same roots in every row: the integral is done once.
+        shift = slopes[:, None] * roots
+        hazard = special.ndtr(shift - epoch.limit) + special.ndtr(-shift - epoch.limit)
+        return hazard * quiet_probability(epoch, roots[0])
+    shift = slopes[:, None] * roots
+    # Far beyond the alarm nothing is left to integrate.
+    alive = upper_bound(epoch, event, shift, roots) > 0.0
+    values = np.zeros(roots.shape)
+    values[alive] = event_probability(epoch, event, shift[alive], roots[alive])
+    return values
+
+
+def _peaks_of(values: FloatArray) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
+    """Row and column of the local maxima of (m, points) that may be the highest of their row."""
+    padded = np.pad(values, ((0, 0), (1, 1)), constant_values=-np.inf)
+    # Of equal neighbours the first counts, so that a row of zeros has one peak.
+    local = (values > padded[:, :-2]) & (values >= padded[:, 2:])
+    height = np.where(local, values, -np.inf)
+    order = np.argsort(-height, axis=1, kind="stable")[:, :_MOST_PEAKS]
+    tall = np.take_along_axis(height, order, axis=1)
+    row, which = np.nonzero((tall >= _WORTH_REFINING * tall[:, :1]) & (tall > -np.inf))
+    return row, order[row, which]
+
+
+def _refine(
+    epoch: LsEpoch, event: str, slopes: FloatArray, low: FloatArray, high: FloatArray
+) -> tuple[FloatArray, FloatArray]:
+    """The top of the peak inside each bracket: root (m,) and probability (m,)."""
+    rows = np.arange(slopes.size)
+    for _ in range(_ROUNDS):
+        roots = low[:, None] + (high - low)[:, None] * np.linspace(0.0, 1.0, _POINTS)
+        values = _along(epoch, event, slopes, roots)
+        at = values.argmax(axis=1)
+        low, high = roots[rows, np.maximum(at - 1, 0)], roots[rows, np.minimum(at + 1, _POINTS - 1)]
+    return roots[rows, at], values[rows, at]
+
+
+def require_event(event: str) -> str:
+    """``event`` if its worst case can be asked for."""
+    return require_choice(event, EVENTS, field="event")
+
+
+def require_single(g: Geometry, what: str) -> None:
+    """Raise `InputError` for a series of epochs."""
+    if g.is_series:
+        raise InputError(f"geometry: {what} is made for one epoch; choose one of the {len(g)}, such as g[0].")

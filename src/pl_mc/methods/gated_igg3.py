@@ -1,0 +1,69 @@
+"""IGG-III with a chi-square gate: a global test of the residuals beside the rebuilt protection level.
+
+A gate on the robust-weighted residuals looks like a safeguard and is none against a large error: the weight of the
+satellite that carries it falls faster than its residual grows, so what is tested is the fit of the others.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+
+import jax.numpy as jnp
+import numpy as np
+from jax import Array
+
+from pl_mc.input_errors import InputError, require_choice, require_number
+from pl_mc.kernels import Estimate, LinearModel, Start, irls, protection_levels
+from pl_mc.kernels.linear_model import per_lane, product
+from pl_mc.methods.base import Outcome, name_with_options, outcome_of
+from pl_mc.methods.igg3 import Igg3
+from pl_mc.statistics.student import chi2_threshold
+
+GATES = ("weighted", "unweighted", "ls")
+
+
+@dataclass(frozen=True)
+class GatedIgg3(Igg3):
+    """IGG-III that also rejects where a square sum of residuals exceeds its chi-square threshold.
+
+    The threshold is that of n - t degrees of freedom, n all satellites in view. It is exact for ``ls`` alone; the
+    two square sums of robust residuals have no known distribution.
+
+    Attributes:
+        p_fa: probability at which a chi-square variable exceeds the threshold.
+        gate: the square sum: ``weighted`` V_bar' P_bar V_bar, the one in the robust unit-weight error (Zhao et al.
+            2021, eq 17); ``unweighted`` V_bar' P V_bar, the same residuals with the weights of least squares;
+            ``ls`` V' P V of least squares, the usual test (Guo et al. 2022, eqs 14-15).
+    """
+
+    p_fa: float = 1e-3
+    gate: str = "weighted"
+
+    def __post_init__(self) -> None:
+        super().__post_init__()
+        require_choice(self.gate, GATES, field="igg3_gated: gate")
+        if not 0.0 < require_number(self.p_fa, field="igg3_gated: p_fa") < 1.0:
+            raise InputError(f"igg3_gated: p_fa: a number between 0 and 1 is needed, not {self.p_fa!r}.")
+
+    @property
+    def name(self) -> str:
+        return name_with_options("igg3_gated", self, GatedIgg3())
+
+    def prepare(self, model: LinearModel) -> Array:  # type: ignore[override]
+        """The threshold; with nothing redundant there is no solution to reject, and any number serves."""
+        table = np.concatenate([[np.inf], chi2_threshold(np.arange(1, model.design.shape[0] + 1), self.p_fa)])
+        freedom = jnp.maximum(jnp.round(model.redundancies), 0).astype(jnp.int32)
+        return jnp.asarray(table, model.design.dtype)[freedom]
+
+    def solve(self, model: LinearModel, prepared: Array, start: Start) -> Outcome:  # type: ignore[override]
+        estimate = irls(model, start, self.options)
+        levels = protection_levels(estimate, k_horizontal=self.k_horizontal, k_vertical=self.k_vertical)
+        rejects = estimate.available & (self._square_sum(model, start, estimate) > prepared)
+        return replace(outcome_of(estimate, levels), rejects=rejects)
+
+    def _square_sum(self, model: LinearModel, start: Start, estimate: Estimate) -> Array:
+        if self.gate == "ls":
+            return start.square_sum
+        whitened = estimate.residuals_m * per_lane(model.weight_root, estimate.residuals_m)
+        squares = whitened * whitened
+        return product(model.mask_row, estimate.weights * squares if self.gate == "weighted" else squares)[0]
