@@ -1,4 +1,7 @@
-"""The problem of `pl-mc bench`, small enough that one round takes milliseconds."""
+"""The problem of `pl-mc bench`, small enough that one round takes milliseconds.
+
+``python -m pytest benchmarks --benchmark-enable -n 0`` measures; the tests run the same for correctness alone.
+"""
 
 from __future__ import annotations
 

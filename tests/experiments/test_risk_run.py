@@ -11,9 +11,6 @@ import pytest
 
 import pl_mc
 from pl_mc.experiments.loading import build_experiment
-from pl_mc.experiments.registry import KINDS, Kind
-from pl_mc.experiments.risk_run import RiskExperiment
-from pl_mc.experiments.risk_run import run as run_risk
 from pl_mc.experiments.running import run_experiment
 from pl_mc.experiments.stanford_counts import (
     BEYOND,
@@ -25,8 +22,6 @@ from pl_mc.experiments.stanford_counts import (
     Grid,
     stanford_counts,
 )
-from pl_mc.experiments.stanford_run import StanfordExperiment
-from pl_mc.experiments.stanford_run import run as run_stanford
 from pl_mc.input_errors import InputError
 from pl_mc.methods import as_methods
 from pl_mc.statistics import clopper_pearson
@@ -57,12 +52,6 @@ RISK = {
         "alarm_draws": 300,
     },
 }
-
-
-@pytest.fixture(autouse=True)
-def _kinds(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setitem(KINDS, "risk", Kind(RiskExperiment, run_risk))
-    monkeypatch.setitem(KINDS, "stanford", Kind(StanfordExperiment, run_stanford))
 
 
 def test_regions_and_cells_are_the_counts_of_the_sweep(tmp_path: Path) -> None:

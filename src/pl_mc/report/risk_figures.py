@@ -73,9 +73,9 @@ def risk_curve_figure(curves: pd.DataFrame, *, alert: AlertLimits, title: str) -
         panels[0].set_ylim(_least(shown) / 5, max(12.0 * most, 1e4 * SMALLEST))
         panels[0].set_ylabel(event_heading(event, alert))
     for panel in axes[-len(satellites) :]:
-        # Small biases, where the risk has its peak, get as much room as large ones.
-        panel.set_xscale("symlog", linthresh=10.0, linscale=1.0)
-        ticks = [tick for tick in (0, 2, 4, 6, 8, 10, 20, 50, 100) if tick <= curves.bias_m.max()]
+        # Small biases, where the risk has its peak, get more room; with this share the slope has no step at 10 m.
+        panel.set_xscale("symlog", linthresh=10.0, linscale=0.9 / np.log(10.0))
+        ticks = [tick for tick in (0, 5, 10, 20, 50, 100) if tick <= curves.bias_m.max()]
         panel.set_xticks(ticks, [f"{tick:g}" for tick in ticks])
         panel.minorticks_off()
         panel.set_xlim(-0.4, 1.1 * curves.bias_m.max())
@@ -289,8 +289,9 @@ def sky_figure(worst: pd.DataFrame, g: Geometry, *, title: str) -> Figure:
         )
         for name, a, r, (right, up) in zip(g.names, angle, zenith, _label_sides(angle, zenith), strict=True):
             panel.annotate(
-                name, (a, r), xytext=(17 * right, 12 * up), textcoords="offset points", ha="center", va="center", fontsize=7.5,
-                zorder=4, path_effects=[patheffects.withStroke(linewidth=2, foreground="white")],
+                name, (a, r), xytext=(17 * right, 12 * up), textcoords="offset points", ha="center",
+                va="center", fontsize=7.5, zorder=4,
+                path_effects=[patheffects.withStroke(linewidth=2, foreground="white")],
             )  # fmt: skip
         assert isinstance(panel, PolarAxes)
         panel.set_theta_zero_location("N")
