@@ -18,9 +18,9 @@ OTHER = random_series(np.random.default_rng(70), np.ones((2, 8), bool), "GGGGGCC
 VALID = {"g": G, "faults": pl_mc.no_fault(G), "draws": 10, "seed": 1}
 
 BAD = [
-    ({"draws": 0}, "draws: a whole number from 1 to 549755813632 is needed, not 0"),
+    ({"draws": 0}, "draws: a whole number from 1 to 274877906944 is needed, not 0"),
     ({"draws": -5}, "draws: a whole number"),
-    ({"draws": 1000.0}, "draws: a whole number from 1 to 549755813632 is needed, not 1000.0"),
+    ({"draws": 1000.0}, "draws: a whole number from 1 to 274877906944 is needed, not 1000.0"),
     ({"draws": True}, "draws: a whole number"),
     ({"seed": -1}, "seed: a whole number from 0 to 4294967295 is needed, not -1"),
     ({"seed": 2**32}, "seed: a whole number from 0 to 4294967295"),

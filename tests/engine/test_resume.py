@@ -366,9 +366,10 @@ def test_resuming_in_an_empty_or_new_folder_starts(finished, tmp_path):
 
 
 MEMORY = """
-import resource, sys
+import sys
 sys.path.insert(0, {tests!r})
 import numpy as np, pl_mc
+from pl_mc.benchmark.scaling_point import peak_memory_bytes
 from pl_mc.engine import plan
 from reference.problems import random_series
 
@@ -379,7 +380,7 @@ def peak(epochs, folder):
     faults = pl_mc.ramp(g, satellite="G01", start_m=10, stop_m=40, step_m=10)
     table = pl_mc.sweep(g, faults, draws=1024, seed=63, methods=("ls",), folder=folder, workers=2)
     assert table["draws"].sum() == 4 * 1024 * epochs
-    return resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 1024
+    return peak_memory_bytes() / 2**20
 
 first = peak(256, {folder!r} + "/small")
 print(first, peak(256 * 20, {folder!r} + "/large"))

@@ -59,7 +59,7 @@ def test_least_squares_has_its_exact_rates(name):
         + pl_mc.biases(g, {last: -60.0})
         + pl_mc.biases(g, {first: 40.0, last: 40.0})
     )
-    table = pl_mc.sweep(g, faults, draws=20_001, seed=41, methods=("ls",), progress=False)
+    table = pl_mc.sweep(g, faults, draws=20_001, seed=41, methods=("ls",), by_epoch=True, progress=False)
     exact = pl_mc.exact.ls_rates(g, faults)
     np.testing.assert_array_equal(table["epoch"], exact["epoch"])
     np.testing.assert_array_equal(table["fault"], exact["fault"])

@@ -227,6 +227,28 @@ def test_multiplier_by_rare_events(event: str, scatter: float) -> None:
     assert row["warning"] == ""
 
 
+def test_bounds_that_no_estimate_reaches_are_told() -> None:
+    """Estimates that are worse each time bear out no multiplier."""
+    g = appendix_d(noise=1.5)
+    exact = _exact_estimator(g, "exceeded", 0.0)
+    asked: list[float] = []
+
+    def worse(method):
+        def estimate(faults: Faults, target_cov: float, seed: int) -> pd.DataFrame:
+            asked.append(method.k_vertical)
+            table = exact(method)(faults, target_cov, seed)
+            return table.assign(standard_error=table["probability"] * 3.0 ** len(asked))
+
+        return estimate
+
+    row = calibrate(
+        g, method=NEVER_REWEIGHTS, event="exceeded", target=1e-7, draws=20_000, target_cov=0.05, estimator=worse
+    ).iloc[0]
+    assert (row["k_low"], row["k_high"]) == (0.0, np.inf)
+    assert "no upper bound was reached; no lower bound was reached" in row["warning"]
+    assert len(set(asked)) == len(asked)
+
+
 def test_bad_input() -> None:
     g = appendix_d()
 

@@ -66,45 +66,21 @@ def compiled_count(devices: int) -> Callable[..., Array]:
     options = compiler_options()
     on_processor = jax.default_backend() == "cpu"
 
-    def one_device(
-        batch: EpochBatch,
-        seed: Array,
-        first_block: Array,
-        full_blocks: Array,
-        remainder: Array,
-        vertical_m: Array,
-        *,
-        methods: tuple[Method, ...],
-        blocks: int,
-    ) -> Array:
-        return count_events(
-            batch, seed, first_block, full_blocks, remainder, vertical_m,
-            methods=methods, blocks=blocks, together=1 if on_processor else blocks,
-        )  # fmt: skip
+    def one_device(batch: EpochBatch, *numbers: Array, methods: tuple[Method, ...], blocks: int) -> Array:
+        together = 1 if on_processor else blocks
+        return count_events(batch, *numbers, methods=methods, blocks=blocks, together=together)
 
-    def several_devices(
-        batch: EpochBatch,
-        seed: Array,
-        first_block: Array,
-        full_blocks: Array,
-        remainder: Array,
-        vertical_m: Array,
-        *,
-        methods: tuple[Method, ...],
-        blocks: int,
-    ) -> Array:
+    def several_devices(batch: EpochBatch, *numbers: Array, methods: tuple[Method, ...], blocks: int) -> Array:
         each = -(-blocks // devices)
 
-        def share(batch: EpochBatch, *rest: Array) -> Array:
-            seed, first, *others = rest
+        def share(batch: EpochBatch, seed: Array, first: Array, *rest: Array) -> Array:
             mine = first + jax.lax.axis_index(_BLOCKS).astype(jnp.int32) * each
-            counts = one_device(batch, seed, mine, *others, methods=methods, blocks=each)
-            return jax.lax.psum(counts, _BLOCKS)
+            return jax.lax.psum(one_device(batch, seed, mine, *rest, methods=methods, blocks=each), _BLOCKS)
 
         mesh = Mesh(np.array(jax.local_devices()[:devices]), (_BLOCKS,))
         everywhere = PartitionSpec()
         spread = jax.shard_map(share, mesh=mesh, in_specs=everywhere, out_specs=everywhere, check_vma=False)
-        return spread(batch, seed, first_block, full_blocks, remainder, vertical_m)
+        return spread(batch, *numbers)
 
     function = one_device if devices == 1 else several_devices
     return jax.jit(function, static_argnames=("methods", "blocks"), compiler_options=options)

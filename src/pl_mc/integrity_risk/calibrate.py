@@ -46,7 +46,7 @@ _DRAWS_PER_CALL = 50_000
 # Multipliers beyond this are no protection levels; K is searched for below.
 _LARGEST_FACTOR, _SMALLEST_FACTOR = 1e9, 1e-6
 # Multipliers that the search by rare events may try, and how close to the target it has to come.
-_MOST_TRIALS, _MOST_STEPS = 12, 4
+_MOST_TRIALS, _MOST_STEPS = 12, 12
 _STRIDE, _CLOSE, _TOLERANCE = 1.25, 1.02, 1e-4
 # The ratios from whose tail the search by rare events starts.
 _TAIL = 200
@@ -309,7 +309,8 @@ def _bounds_of(row: pd.Series, confidence: float) -> tuple[float, float, float]:
     """
     value, error = float(row["probability"]), float(row["standard_error"])
     if value > 0:
-        reach = float(stats.norm.ppf(confidence)) * error / value
+        # An exponential beyond 700 is more than a double holds.
+        reach = min(float(stats.norm.ppf(confidence)) * error / value, 700.0)
         return value, value * math.exp(-reach), min(value * math.exp(reach), 1.0)
     low = float(row["low"]) if np.isfinite(row["low"]) else 0.0
     high = float(row["high"]) if np.isfinite(row["high"]) else 1.0
@@ -415,8 +416,8 @@ def _searched(trial: Callable[[float], tuple[float, float, float, str]], first: 
             if clears(seen[bound]):
                 break
             gap = math.log(upper / target) if side > 0 else math.log(target / max(lower, 0.1 * value, 1e-300))
-            bound *= math.exp(side * 1.1 * max(gap, 1e-3) / steep)
-        if not clears(seen[bound]):
+            bound *= math.exp(side * min(1.1 * max(gap, 1e-3) / steep, 5.0))
+        if bound not in seen or not clears(seen[bound]):
             warnings.append(f"no {'upper' if side > 0 else 'lower'} bound was reached")
             bound = math.inf if side > 0 else 0.0
         bounds.append(bound)

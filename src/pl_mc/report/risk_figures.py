@@ -112,6 +112,11 @@ def _curve(panel: Axes, rows: pd.DataFrame, index: int, label: str) -> None:
             exact.bias_m, exact.probability.where(exact.probability > 0), style.line, color=style.colour,
             linewidth=1.6, label=f"{label}, exact",
         )  # fmt: skip
+        if exact.probability.max() <= SMALLEST:
+            panel.annotate(
+                f"{label}: below {SMALLEST:g}", (0.98, 0.02), xycoords="axes fraction", ha="right", va="bottom",
+                fontsize=8, color=style.colour,
+            )  # fmt: skip
     rows = rows[rows.estimator != _EXACT]
     known = rows.probability.fillna(np.sqrt(rows.low * rows.high))
     for doubtful, fill, note in ((False, style.colour, "95 % interval"), (True, "white", "with a warning")):
@@ -133,9 +138,14 @@ def _curve(panel: Axes, rows: pd.DataFrame, index: int, label: str) -> None:
         )  # fmt: skip
     checked = rows[rows.subset_probability > 0]
     if len(checked):
-        panel.plot(
-            checked.bias_m, checked.subset_probability, linestyle="none", marker="x", markersize=6.5, color=_GREY,
-            markeredgewidth=1.2, zorder=4, label=f"{label}, subset simulation",
+        # Two standard errors of the logarithm; without one the point stands alone.
+        factor = np.exp(2.0 * (checked.subset_standard_error / checked.subset_probability).fillna(0.0))
+        middle = checked.subset_probability
+        spread = [middle - middle / factor, middle * factor - middle]
+        panel.errorbar(
+            checked.bias_m, middle, yerr=spread, linestyle="none", marker="x", markersize=6.5,
+            color=_GREY, markeredgewidth=1.2, elinewidth=0.9, zorder=4,
+            label=f"{label}, subset simulation, two standard errors",
         )  # fmt: skip
 
 
@@ -398,4 +408,4 @@ def _equal_risk_panel(panel: Axes, rows: pd.DataFrame, alert: AlertLimits) -> No
     satellite = next((label.split(":")[0] for label in rows.fault if label != "none"), "")
     panel.set(xlabel=f"bias on {satellite} [m]", ylabel=f"P(alarm), VAL {alert.vertical_m:g} m", ylim=(-0.03, 1.05))
     panel.set_title("Alarms at equal risk")
-    panel.legend(loc="best", fontsize=7.5)
+    panel.legend(loc="center right", bbox_to_anchor=(1.0, 0.3), fontsize=7.5)

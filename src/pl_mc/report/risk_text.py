@@ -17,6 +17,7 @@ from pl_mc.report.figures import method_label
 from pl_mc.report.text import markdown_table, percent
 
 _EXACT = "exact"
+_BIASES = {"worst": "the worst bias of every mode", "given sizes": "biases of given sizes"}
 
 
 @dataclass
@@ -81,7 +82,8 @@ def risk_summary(
         "## Alarms at equal risk",
         "",
         "Each method with the multiplier that keeps the target under every fault of the table above, for targets "
-        "that were sought under all of them.",
+        "that were sought under all of them. Without a fault an alarm is a price; under one it may be wanted, or "
+        "not where the estimate is good in spite of it.",
         "",
         _equal_text(tables.equal_risk),
     ]
@@ -136,14 +138,15 @@ def _proven(tables: RiskTables, method: Method, confidence: float) -> list[str]:
                     f"{seen.high.max():.2g}."
                 )
     rows = tables.calibration[tables.calibration.method == method.name]
-    free = rows[rows.fault == "none"]
-    if len(free):
-        last = free.loc[free.target.idxmin()]
+    for fault, group in rows.groupby("fault", sort=False):
+        last = group.loc[group.target.idxmin()]
+        where = "fault-free" if fault == "none" else f"under {fault}"
+        found = "exactly" if last.found == _EXACT else f"{last.found}, each bound at {100 * confidence:g} %"
+        doubt = f"; in doubt: {last.warning}" if last.warning else ""
+        rarer = "; smaller targets were not sought" if last.target > tables.calibration.target.min() else ""
         said.append(
-            f"{what}: for P({last.event}) of {last.target:g} per sample, fault-free, K has to be "
-            f"{_k_text(last)}{'' if last.found == _EXACT else f' ({last.found}, confidence {confidence:g} each)'}"
-            + (f"; in doubt: {last.warning}" if last.warning else "")
-            + "."
+            f"{what}: for P({last.event}) of {last.target:g} per sample, {where}, K has to be {_k_text(last)} "
+            f"({found}){doubt}{rarer}."
         )
     return said
 
@@ -255,7 +258,7 @@ def _budget_text(budgets: pd.DataFrame) -> list[str]:
         known = total.risk_low == total.risk_high
         whole = risk_text(total.risk_per_approach, total.risk_low, total.risk_high, exact=known)
         lines += [
-            f"{method_label(first.method)}, P({first.event}), {first.bias} bias: {whole} per approach against "
+            f"{method_label(first.method)}, P({first.event}), {_BIASES[first.bias]}: {whole} per approach against "
             f"{first.target:g}: **{first.verdict}**.",
             "",
             markdown_table(["mode", "number", "prior", "risk per approach", "largest", "found"], rows),
