@@ -18,29 +18,12 @@ import pl_mc
 from pl_mc.engine import EVENTS, plan
 from pl_mc.engine.noise import LANES
 from pl_mc.kernels import least_squares, protection_levels
-from pl_mc.methods import Igg3, Ls
+from pl_mc.methods import Ls
 from pl_mc.methods.base import outcome_of
 from pl_mc.statistics import binomial_p_value
-from reference.problems import appendix_d, random_series
+from reference.problems import appendix_d
+from reference.small_sweep import COUNTS, DRAWS, FAULTS, METHODS, SERIES
 
-COUNTS = [event.count for event in EVENTS]
-METHODS = ("ls", Igg3(iterations=1))
-DRAWS = 5 * LANES + 7
-
-
-def make_series():
-    in_view = np.ones((4, 8), dtype=bool)
-    in_view[1, 2] = in_view[2, :4] = in_view[3, 5] = False
-    return random_series(np.random.default_rng(50), in_view, "GGGGGCCC", noise=4.0)
-
-
-SERIES = make_series()
-FAULTS = (
-    pl_mc.no_fault(SERIES)
-    + pl_mc.biases(SERIES, {"G01": 40.0})
-    + pl_mc.biases(SERIES, {"G03": 40.0, "C06": -50.0})
-    + pl_mc.biases(SERIES, {"C07": 70.0})
-)
 EXPECTED = None
 
 

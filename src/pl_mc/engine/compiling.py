@@ -36,7 +36,7 @@ def instruction_set() -> str:
 def compiler_options() -> dict[str, int]:
     """Options for the compiler, for the kernels of this project alone.
 
-    With AVX-512, vectors of 512 bits instead of 256 gave 5 to 15 % (JAX 0.10, AMD EPYC; ``pl-mc bench`` measures).
+    With AVX-512, vectors of 512 bits instead of 256 gave 5 to 15 % where it was tried (JAX 0.10, AMD EPYC).
     """
     options = {"xla_cpu_prefer_vector_width": 512}
     if jax.default_backend() != "cpu" or "avx512" not in instruction_set():

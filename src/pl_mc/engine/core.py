@@ -63,7 +63,7 @@ def count_events(
     """
 
     def count_epoch(one: EpochBatch) -> Array:
-        model, prepared = _prepare(one, methods)
+        model, prepared = prepare_epoch(one, methods)
 
         def count_block(block: Array) -> Array:
             live = live_lanes(block, full_blocks, remainder)
@@ -72,9 +72,9 @@ def count_events(
                 seen = jnp.stack([events(outcome, vertical_m) for outcome in outcomes])
                 return jnp.sum(seen & live, axis=-1, dtype=jnp.int32)
 
-            noise = unit_noise(epoch_key(seed, one.epoch), block, model.design.shape[0], model.design.dtype)
+            noise = block_noise(model, one, seed, block)
             nothing = jnp.zeros((len(methods), len(EVENTS)), jnp.int32)
-            return _each_fault(model, prepared, methods, one, noise, count, skipped=nothing)
+            return each_outcome(model, prepared, methods, one, noise, count, skipped=nothing)
 
         def add_blocks(total: Array, group: Array) -> tuple[Array, None]:
             if together == 1:
@@ -94,16 +94,23 @@ def block_outcomes(batch: EpochBatch, seed: Array, block: Array, *, methods: tup
     """The outcomes themselves of one block of noise, per method, with leading axes (e, f)."""
 
     def one_epoch(one: EpochBatch) -> list[Outcome]:
-        model, prepared = _prepare(one, methods)
-        noise = unit_noise(epoch_key(seed, one.epoch), block, model.design.shape[0], model.design.dtype)
-        return _each_fault(model, prepared, methods, one, noise, lambda outcomes: outcomes)
+        model, prepared = prepare_epoch(one, methods)
+        noise = block_noise(model, one, seed, block)
+        return each_outcome(model, prepared, methods, one, noise, lambda outcomes: outcomes)
 
     return jax.lax.map(one_epoch, batch)
 
 
-def _prepare(one: EpochBatch, methods: tuple[Method, ...]) -> tuple[LinearModel, list]:
+def prepare_epoch(one: EpochBatch, methods: tuple[Method, ...]) -> tuple[LinearModel, list]:
+    """The model of one epoch, and what each method makes of it before any noise."""
     model = linear_model(one.design, one.sigma_m, one.in_view)
     return model, [method.prepare(model) for method in methods]
+
+
+def block_noise(model: LinearModel, one: EpochBatch, seed: Array, block: Array) -> Array:
+    """(n, LANES), the noise of one block at one epoch, in units of each satellite's sigma."""
+    rows, dtype = model.design.shape[0], model.design.dtype
+    return unit_noise(epoch_key(seed, one.epoch), block, rows, dtype)
 
 
 def each_fault(
@@ -147,7 +154,7 @@ def each_fault(
     return jax.lax.map(one_fault, (one.applies, one.bias_m, bias_state, bias_residuals, cross))
 
 
-def _each_fault(
+def each_outcome(
     model: LinearModel,
     prepared: list,
     methods: tuple[Method, ...],

@@ -9,8 +9,8 @@ import jax.numpy as jnp
 from jax import Array
 
 from pl_mc.detectors.base import Detector, Verdict
-from pl_mc.engine.core import EpochBatch, each_fault
-from pl_mc.engine.noise import LANES, epoch_key, live_lanes, unit_noise
+from pl_mc.engine.core import EpochBatch, block_noise, each_fault
+from pl_mc.engine.noise import LANES, live_lanes
 from pl_mc.kernels import LinearModel, Start, linear_model, start_from
 
 Tests = tuple[Detector, ...]
@@ -39,10 +39,9 @@ def fault_free_statistics(
 
     def one_epoch(one: TestBatch) -> tuple[Array, Array]:
         model, prepared = _prepare(one, tests, p_fa)
-        key = epoch_key(seed, one.epochs.epoch)
 
         def one_block(block: Array) -> tuple[Array, Array]:
-            noise = unit_noise(key, block, model.design.shape[0], model.design.dtype)
+            noise = block_noise(model, one.epochs, seed, block)
             start = _start(model, noise)
             verdicts = [test.examine(model, p, start) for test, p in zip(tests, prepared, strict=True)]
             return jnp.stack([v.statistic for v in verdicts]), jnp.stack([v.threshold for v in verdicts])
@@ -78,7 +77,6 @@ def count_detections(
     def one_epoch(parts: tuple[TestBatch, Array]) -> Array:
         one, limits = parts
         model, prepared = _prepare(one, tests, p_fa)
-        key = epoch_key(seed, one.epochs.epoch)
 
         def add_block(total: Array, block: Array) -> tuple[Array, None]:
             live = live_lanes(block, full_blocks, remainder)
@@ -92,7 +90,7 @@ def count_detections(
                     counts.append(jnp.stack([above, right], axis=1).sum(axis=-1, dtype=jnp.int32))
                 return jnp.stack(counts)
 
-            noise = unit_noise(key, block, model.design.shape[0], model.design.dtype)
+            noise = block_noise(model, one.epochs, seed, block)
             nothing = jnp.zeros((len(tests), levels, 2), jnp.int32)
             return total + each_fault(model, one.epochs, noise, count, skipped=nothing), None
 

@@ -36,7 +36,7 @@ def identity_of(task: SweepTask) -> Identity:
         "precision": task.precision,
         "draws per block": LANES,
         "scenarios per call": cut.SCENARIOS_PER_CALL,
-        "calls per part": cut.CALLS_PER_PART,
+        "calls per part": task.plan.calls_per_part,
     }
     return {ASKED: asked, WHERE: environment()}
 

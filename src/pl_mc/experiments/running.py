@@ -7,7 +7,7 @@ that shares of it can be counted elsewhere and merged.
 from __future__ import annotations
 
 import time
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import replace
 from pathlib import Path
@@ -17,6 +17,7 @@ from pl_mc.experiments.common import Experiment
 from pl_mc.experiments.output import result_folder, write_manifest
 from pl_mc.experiments.registry import KINDS, Kind
 from pl_mc.experiments.result import RunResult
+from pl_mc.experiments.sweeps import PlannedSweep
 from pl_mc.experiments.unfinished import Unfinished
 from pl_mc.input_errors import InputError
 
@@ -51,18 +52,13 @@ def run_experiment(
     folder = Path("runs") / name if out is None else Path(out)
     how = replace(execution or Execution(), progress=progress)
     kind = _kind(experiment)
-    if kind.sweeps is None and _shared(how):
-        able = ", ".join(key for key, one in KINDS.items() if one.sweeps is not None)
-        raise InputError(
-            f"experiment: runs of the kind {experiment.kind} are not made of parts that can be stored or shared "  # type: ignore[attr-defined]
-            f"(kinds that are: {able})."
-        )
+    if _shared(how):
+        _sweeps(experiment)
     begin = time.perf_counter()
     # The output is checked before anything is computed.
     with result_folder(folder) as working, _parts(name, experiment, folder, kind, how, fresh) as how:
         summary, notes = kind.run(experiment, working, execution=how)
-        if notes:
-            summary += "\nNotes:\n\n" + "".join(f"- {note}\n" for note in notes)
+        summary = _with_notes(summary, notes)
         (working / "summary.md").write_text(summary, encoding="utf-8")
         write_manifest(working, name=name, experiment=experiment, notes=notes, seconds=time.perf_counter() - begin)
     Unfinished(folder).remove()
@@ -82,17 +78,15 @@ def run_shard(
     folder = Path("runs") / name if out is None else Path(out)
     # Shares of one run may store their parts in one folder: those of others are no obstacle.
     how = replace(execution, progress=progress, resume=True)
-    kind = _kind(experiment)
-    if kind.sweeps is None:
-        raise InputError(f"shard: runs of the kind {experiment.kind} are not made of parts.")  # type: ignore[attr-defined]
+    kind, sweeps = _kind(experiment), _sweeps(experiment)
     notes: list[str] = []
     with _parts(name, experiment, folder, kind, how, fresh=False) as how:
-        for planned in kind.sweeps(experiment):
+        for planned in sweeps(experiment):
             notes += planned.run(experiment, how).attrs["notes"]
     place = Unfinished(folder)
     index, count = execution.shard
     summary = f"Shard {index} of {count}: {place.part_count} parts are finished; pl-mc merge makes the results.\n"
-    return RunResult(folder=place.folder, summary=summary, notes=tuple(notes))
+    return RunResult(folder=place.folder, summary=_with_notes(summary, notes), notes=tuple(notes))
 
 
 @contextmanager
@@ -116,9 +110,25 @@ def _parts(
         place.remove_if_empty()
 
 
+def _with_notes(summary: str, notes: Sequence[str]) -> str:
+    return summary + "\nNotes:\n\n" + "".join(f"- {note}\n" for note in notes) if notes else summary
+
+
 def _kind(experiment: Experiment) -> Kind:
     kind: str = experiment.kind  # type: ignore[attr-defined]
     return KINDS[kind]
+
+
+def _sweeps(experiment: Experiment) -> Callable[..., tuple[PlannedSweep, ...]]:
+    """What names the sweeps of an experiment; an `InputError` for a kind that is not made of parts."""
+    sweeps = _kind(experiment).sweeps
+    if sweeps is None:
+        able = ", ".join(key for key, one in KINDS.items() if one.sweeps is not None)
+        raise InputError(
+            f"experiment: runs of the kind {experiment.kind} are not made of parts that can be stored or shared "  # type: ignore[attr-defined]
+            f"(kinds that are: {able})."
+        )
+    return sweeps
 
 
 def _shared(how: Execution) -> bool:

@@ -17,8 +17,8 @@ from jax import Array
 from numpy.typing import NDArray
 
 from pl_mc.alert import AlertLimits
-from pl_mc.engine.core import EpochBatch, each_fault
-from pl_mc.engine.noise import LANES, epoch_key, unit_noise
+from pl_mc.engine.core import EpochBatch, block_noise, each_outcome, prepare_epoch
+from pl_mc.engine.noise import LANES
 from pl_mc.engine.plan import Chunk, Plan, make_plan
 from pl_mc.faults import Faults
 from pl_mc.geometry.record import UP, Geometry
@@ -26,7 +26,6 @@ from pl_mc.host.precision import dtype_of, precision_scope
 from pl_mc.host.progress import with_progress
 from pl_mc.host.threads import cores, in_order
 from pl_mc.input_errors import InputError, require_positive
-from pl_mc.kernels import Start, linear_model
 from pl_mc.methods import Method, Outcome
 from pl_mc.statistics.intervals import shared_noise_bounds
 
@@ -215,17 +214,15 @@ def _block_cells(
     """(epochs, blocks, faults, lanes, methods), region and cell of each scenario as one whole number."""
 
     def one_epoch(one: EpochBatch) -> Array:
-        model = linear_model(one.design, one.sigma_m, one.in_view)
-        prepared = [method.prepare(model) for method in methods]
+        model, prepared = prepare_epoch(one, methods)
 
-        def solve(start: Start, _: Array) -> Array:
-            found = [m.solve(model, p, start) for m, p in zip(methods, prepared, strict=True)]
-            return jnp.stack([_codes(outcome, vertical_m, cell_m, cells) for outcome in found], axis=-1)
+        def codes(outcomes: list[Outcome]) -> Array:
+            return jnp.stack([_codes(outcome, vertical_m, cell_m, cells) for outcome in outcomes], axis=-1)
 
         def one_block(block: Array) -> Array:
-            noise = unit_noise(epoch_key(seed, one.epoch), block, model.design.shape[0], model.design.dtype)
+            noise = block_noise(model, one, seed, block)
             nothing = jnp.zeros((LANES, len(methods)), jnp.int32)
-            return each_fault(model, one, noise, solve, skipped=nothing)
+            return each_outcome(model, prepared, methods, one, noise, codes, skipped=nothing)
 
         return jax.lax.map(one_block, first_block + jnp.arange(blocks, dtype=jnp.int32))
 

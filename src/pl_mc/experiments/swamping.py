@@ -18,8 +18,8 @@ import numpy as np
 import pandas as pd
 from jax import Array
 
-from pl_mc.engine.core import EpochBatch, each_fault
-from pl_mc.engine.noise import LANES, epoch_key, live_lanes, unit_noise
+from pl_mc.engine.core import EpochBatch, block_noise, each_fault
+from pl_mc.engine.noise import LANES, live_lanes
 from pl_mc.engine.plan import Chunk, make_plan
 from pl_mc.faults import Faults
 from pl_mc.geometry import Geometry
@@ -105,7 +105,7 @@ def _count_block(
 
     def one_epoch(one: EpochBatch) -> Array:
         model = linear_model(one.design, one.sigma_m, one.in_view)
-        noise = unit_noise(epoch_key(seed, one.epoch), block, model.design.shape[0], model.design.dtype)
+        noise = block_noise(model, one, seed, block)
         live = live_lanes(block, full_blocks, remainder)
 
         def count(start: Start, bias_m: Array) -> Array:
