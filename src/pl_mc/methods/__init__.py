@@ -4,7 +4,33 @@ from pl_mc.methods.araim import Araim
 from pl_mc.methods.base import Method, Outcome
 from pl_mc.methods.gated_igg3 import GatedIgg3
 from pl_mc.methods.igg3 import Igg3
+from pl_mc.methods.leave_one_out import LeaveOneOut
 from pl_mc.methods.ls import Ls
+from pl_mc.methods.max_dop import MaxDop
+from pl_mc.methods.nioraim import Nioraim
+from pl_mc.methods.parity import Parity
+from pl_mc.methods.range_comparison import RangeComparison
 from pl_mc.methods.registry import METHODS, as_methods, method
+from pl_mc.methods.sbas import Sbas
+from pl_mc.methods.slope import Slope
+from pl_mc.methods.w_test import WTest
 
-__all__ = ["METHODS", "Araim", "GatedIgg3", "Igg3", "Ls", "Method", "Outcome", "as_methods", "method"]
+__all__ = [
+    "METHODS",
+    "Araim",
+    "GatedIgg3",
+    "Igg3",
+    "LeaveOneOut",
+    "Ls",
+    "MaxDop",
+    "Method",
+    "Nioraim",
+    "Outcome",
+    "Parity",
+    "RangeComparison",
+    "Sbas",
+    "Slope",
+    "WTest",
+    "as_methods",
+    "method",
+]

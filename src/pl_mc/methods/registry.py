@@ -9,10 +9,31 @@ from pl_mc.methods.araim import Araim
 from pl_mc.methods.base import Method
 from pl_mc.methods.gated_igg3 import GatedIgg3
 from pl_mc.methods.igg3 import Igg3
+from pl_mc.methods.leave_one_out import LeaveOneOut
 from pl_mc.methods.ls import Ls
+from pl_mc.methods.max_dop import MaxDop
+from pl_mc.methods.nioraim import Nioraim
+from pl_mc.methods.parity import Parity
+from pl_mc.methods.range_comparison import RangeComparison
+from pl_mc.methods.sbas import Sbas
+from pl_mc.methods.slope import Slope
+from pl_mc.methods.w_test import WTest
 from pl_mc.named import as_records, build_named
 
-METHODS: dict[str, type] = {"ls": Ls, "igg3": Igg3, "igg3_gated": GatedIgg3, "araim": Araim}
+METHODS: dict[str, type] = {
+    "ls": Ls,
+    "igg3": Igg3,
+    "igg3_gated": GatedIgg3,
+    "araim": Araim,
+    "slope": Slope,
+    "max_dop": MaxDop,
+    "parity": Parity,
+    "w_test": WTest,
+    "leave_one_out": LeaveOneOut,
+    "range_comparison": RangeComparison,
+    "nioraim": Nioraim,
+    "sbas": Sbas,
+}
 
 
 def method(name: str, **options: Any) -> Method:

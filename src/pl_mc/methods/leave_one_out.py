@@ -1,0 +1,70 @@
+"""Fault detection and exclusion by all solutions that leave one satellite out."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+from jax import Array
+
+from pl_mc.constants import K_HORIZONTAL, K_VERTICAL
+from pl_mc.kernels import LinearModel, Start
+from pl_mc.kernels.leave_one_out import Projections, all_in_view, projections, standardised
+from pl_mc.methods.base import Outcome, name_with_options
+from pl_mc.methods.exclusion import exclude_and_test, levels_of, require_level
+from pl_mc.methods.raim_levels import NONCENTRAL, P_FA, P_MD, at_freedom, decided, require_risks, thresholds
+
+
+@dataclass(frozen=True)
+class LeaveOneOut:
+    """Least squares; where V'PV > T, the best of the n sets that leave one satellite out, if it passes its test.
+
+    The square sum of set i is V'PV - e_i^2 / r_i, with one degree of freedom less, and its position is one step of
+    rank one away (`pl_mc.kernels.leave_one_out`): no further solves (sets of n - 1 as Brown & McBurney 1988 compare
+    them). Best is the smallest square sum; all sets have equally many degrees of freedom, so that is also the
+    largest |w|, and the satellite is the one that ``w_test`` and ``parity`` exclude. The levels are those of the
+    set in use.
+
+    An alarm means that all satellites fail their test and so does the best set, or that there is no best one: two
+    sets fit equally well (satellites whose faults look the same in the residuals; all of them for n - t = 1, where
+    no redundancy would be left either). Position and levels are then those of all satellites. It also means levels
+    beyond VAL. Where a satellite of the set in use moves the position and nothing checks it there is no solution,
+    but for ``sigma``.
+
+    Attributes:
+        p_fa: false-alarm probability of each chi-square test.
+        p_md: missed-detection probability behind the levels, but for ``sigma``.
+        form: ``sigma``: K times the a-priori standard deviation of the set in use; or a form of slope-based level.
+        k_horizontal, k_vertical: multipliers, for ``sigma`` alone.
+    """
+
+    p_fa: float = P_FA
+    p_md: float = P_MD
+    form: str = NONCENTRAL
+    k_horizontal: float = K_HORIZONTAL
+    k_vertical: float = K_VERTICAL
+
+    def __post_init__(self) -> None:
+        require_risks("leave_one_out", p_fa=self.p_fa, p_md=self.p_md)
+        require_level("leave_one_out", self.form, self.k_horizontal, self.k_vertical)
+
+    @property
+    def name(self) -> str:
+        return name_with_options("leave_one_out", self, LeaveOneOut())
+
+    def prepare(self, model: LinearModel) -> tuple[Projections, Array]:
+        """Projections of the geometry, and the threshold of all satellites."""
+        table = thresholds(model.design.shape[0], self.p_fa)
+        return projections(model), at_freedom(table, model.redundancies)
+
+    def solve(self, model: LinearModel, prepared: tuple[Projections, Array], start: Start) -> Outcome:
+        parts, threshold = prepared
+        whole = all_in_view(model, parts, start)
+        # Roots of what the square sum loses with each satellite: the largest belongs to the best set.
+        used, alarm = exclude_and_test(
+            model, parts, whole, suspicion=standardised(whole), found=start.square_sum > threshold, p_fa=self.p_fa
+        )
+        levels = levels_of(
+            parts, used, form=self.form, p_fa=self.p_fa, p_md=self.p_md,
+            k_horizontal=self.k_horizontal, k_vertical=self.k_vertical,
+        )  # fmt: skip
+        return decided(model.available, used.error_m, levels, alarm)
