@@ -9,7 +9,7 @@ import importlib
 from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
-    from pl_mc import araim, kernels, methods
+    from pl_mc import araim, kernels, methods, noise_models
     from pl_mc.alert import APV_I, APV_II, LPV_200, AlertLimits
     from pl_mc.engine import detect, sample, solve, sweep
     from pl_mc.error_models import error_model
@@ -18,10 +18,16 @@ if TYPE_CHECKING:
     from pl_mc.input_errors import InputError
     from pl_mc.integrity_risk.budget import risk_budget
     from pl_mc.integrity_risk.calibrate import calibrate
+    from pl_mc.integrity_risk.exposure import exposure
     from pl_mc.integrity_risk.rare import risk
     from pl_mc.integrity_risk.worst_case import worst_case
     from pl_mc.methods import Igg3 as igg3
     from pl_mc.methods import Ls as ls
+    from pl_mc.noise_models import GaussianMixture as gaussian_mixture
+    from pl_mc.noise_models import Multipath as multipath
+    from pl_mc.noise_models import NominalBias as nominal_bias
+    from pl_mc.noise_models import StudentT as student_t
+    from pl_mc.noise_models import noise_model
     from pl_mc.statistics import exact, reliability
 
 __version__ = "0.1.0"
@@ -41,11 +47,17 @@ _PUBLIC = {
     "detect": ("pl_mc.engine", "detect"),
     "error_model": ("pl_mc.error_models", "error_model"),
     "exact": ("pl_mc.statistics.exact", None),
+    "exposure": ("pl_mc.integrity_risk.exposure", "exposure"),
+    "gaussian_mixture": ("pl_mc.noise_models", "GaussianMixture"),
     "igg3": ("pl_mc.methods", "Igg3"),
     "kernels": ("pl_mc.kernels", None),
     "ls": ("pl_mc.methods", "Ls"),
     "methods": ("pl_mc.methods", None),
+    "multipath": ("pl_mc.noise_models", "Multipath"),
     "no_fault": ("pl_mc.faults", "no_fault"),
+    "noise_model": ("pl_mc.noise_models", "noise_model"),
+    "noise_models": ("pl_mc.noise_models", None),
+    "nominal_bias": ("pl_mc.noise_models", "NominalBias"),
     "ramp": ("pl_mc.faults", "ramp"),
     "ramps": ("pl_mc.faults", "ramps"),
     "reliability": ("pl_mc.statistics", "reliability"),
@@ -54,6 +66,7 @@ _PUBLIC = {
     "sample": ("pl_mc.engine", "sample"),
     "simulate": ("pl_mc.geometry", "simulate"),
     "solve": ("pl_mc.engine", "solve"),
+    "student_t": ("pl_mc.noise_models", "StudentT"),
     "sweep": ("pl_mc.engine", "sweep"),
     "worst_case": ("pl_mc.integrity_risk.worst_case", "worst_case"),
 }
@@ -73,11 +86,17 @@ __all__ = [
     "detect",
     "error_model",
     "exact",
+    "exposure",
+    "gaussian_mixture",
     "igg3",
     "kernels",
     "ls",
     "methods",
+    "multipath",
     "no_fault",
+    "noise_model",
+    "noise_models",
+    "nominal_bias",
     "ramp",
     "ramps",
     "reliability",
@@ -86,6 +105,7 @@ __all__ = [
     "sample",
     "simulate",
     "solve",
+    "student_t",
     "sweep",
     "worst_case",
 ]

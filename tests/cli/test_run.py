@@ -57,13 +57,21 @@ def test_a_run_leaves_tables_figures_summary_and_manifest(folder: Path, capsys: 
     results = folder / "runs" / "small"
     files = {path.name for path in results.iterdir()}
     assert files == {
-        "exact.csv", "levels.csv", "manifest.json", "rates.csv", "rates.png", "rates.svg", "summary.md",
+        "exact.csv", "levels.csv", "manifest.json", "rates.csv", "rates.png", "rates.svg", "report.html",
+        "summary.md",
     }  # fmt: skip
     rates = pd.read_csv(results / "rates.csv")
     assert list(rates.method.unique()) == ["ls", "igg3"]
     assert list(rates.bias_m.unique()) == [10.0, 25.0, 40.0]
     assert (rates.draws == 300).all()
-    assert "A small ramp" in capsys.readouterr().out
+    out = capsys.readouterr().out
+    assert "A small ramp" in out
+    # The folder is the last thing that is said.
+    assert out.splitlines()[-1] == "Results: runs/small, report: runs/small/report.html"
+    page = (results / "report.html").read_text()
+    assert "<h1>A small ramp</h1>" in page
+    assert "noise draws for each fault at each epoch" in page
+    assert "pl-mc run runs/small/manifest.json" in page
     # Nothing but the results remains beside them.
     assert [path.name for path in (folder / "runs").iterdir()] == ["small"]
 
@@ -79,9 +87,14 @@ def test_the_manifest_redoes_the_run_to_the_byte(folder: Path) -> None:
         assert (folder / "first" / name).read_bytes() == (folder / "second" / name).read_bytes(), name
 
 
-def test_an_earlier_result_is_replaced(folder: Path) -> None:
-    main(["run", "small.toml", "--out", "here", "--draws", "10"])
-    main(["run", "small.toml", "--out", "here", "--draws", "20"])
+def test_an_earlier_result_is_replaced(folder: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    main(["run", "small.toml", "--out", "here", "--draws", "10", "--quiet"])
+    assert capsys.readouterr().out == "here\n"
+    main(["run", "small.toml", "--out", "here", "--draws", "20", "--json"])
+    content = json.loads(capsys.readouterr().out)
+    assert (content["folder"], content["report"], len(content["answer"])) == ("here", "report.html", 3)
+    assert content["tables"] == ["exact.csv", "levels.csv", "rates.csv"]
+    assert content["notes"][0].startswith("Faulted satellite: ")
     assert (pd.read_csv(folder / "here" / "rates.csv").draws == 20).all()
     assert not [path for path in folder.iterdir() if path.name.startswith(".here")]
 

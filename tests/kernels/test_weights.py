@@ -5,9 +5,11 @@ from __future__ import annotations
 import jax
 import numpy as np
 import pytest
+import statsmodels.api as sm
 
 from pl_mc import InputError
 from pl_mc.kernels import HuberWeight, Igg3Weight, IrlsOptions, TukeyWeight
+from pl_mc.kernels.weights import DanishWeight, HampelWeight, L1Weight
 from reference.igg3_numpy import igg3_weight
 
 
@@ -45,7 +47,29 @@ def test_huber_and_tukey_weights():
     np.testing.assert_allclose(TukeyWeight()(np.array([0.0, 4.685 / 2, 4.685, 1e9])), [1, 0.5625, 0, 0], atol=1e-15)
 
 
-@pytest.mark.parametrize("weight", [Igg3Weight(), HuberWeight(), TukeyWeight()])
+@pytest.mark.parametrize(("a", "b", "c"), [(2.0, 4.0, 8.0), (1.7, 3.4, 8.5), (2.0, 2.0, 3.0)])
+def test_hampel_weight_is_that_of_statsmodels(a, b, c):
+    u = np.linspace(0, 10, 501)
+    np.testing.assert_allclose(HampelWeight(a, b, c)(u), sm.robust.norms.Hampel(a, b, c).weights(u), atol=1e-15)
+
+
+def test_danish_weight():
+    # By hand: nothing up to c, e^-1 at 2 c, e^-4 at 3 c, and no step at c.
+    u = np.array([0.0, 2.0, 4.0, 6.0, 2.0 + 1e-9])
+    np.testing.assert_allclose(DanishWeight()(u), [1, 1, np.exp(-1), np.exp(-4), 1], rtol=1e-14)
+    assert 0 < DanishWeight()(np.array(1e9)) < 1e-30
+
+
+def test_l1_weight_makes_the_square_sum_one_of_absolute_values():
+    u = np.array([0.0, 1e-4, 0.5, 3.0, 1e9])
+    found = np.asarray(L1Weight()(u))
+    np.testing.assert_allclose(found * u**2, 1e-4 * u, rtol=1e-14)
+    assert found.max() == 1
+
+
+@pytest.mark.parametrize(
+    "weight", [Igg3Weight(), HuberWeight(), TukeyWeight(), HampelWeight(), DanishWeight(), L1Weight()]
+)
 @pytest.mark.parametrize("dtype", [np.float32, np.float64])
 def test_weights_keep_the_type_and_have_finite_gradients(weight, dtype):
     u = np.array([0.0, 0.1, 1.345, 1.5, 2.0, 4.685, 5.0, 6.0, 1e8], dtype)
@@ -61,6 +85,21 @@ def test_weights_keep_the_type_and_have_finite_gradients(weight, dtype):
 def test_thresholds_that_make_no_sense(k0, k1):
     with pytest.raises(InputError, match=r"igg3: 0 < k0 < k1"):
         Igg3Weight(k0, k1)
+
+
+@pytest.mark.parametrize(
+    ("make", "words"),
+    [
+        (lambda: HampelWeight(a=0.0), "hampel: 0 < a <= b < c is needed"),
+        (lambda: HampelWeight(b=8.0), "hampel: 0 < a <= b < c is needed"),
+        (lambda: HampelWeight(c=np.inf), "hampel: 0 < a <= b < c is needed"),
+        (lambda: DanishWeight(-1.0), "danish: c"),
+        (lambda: L1Weight(0.0), "l1: eps"),
+    ],
+)
+def test_constants_that_make_no_sense(make, words):
+    with pytest.raises(InputError, match=words):
+        make()
 
 
 @pytest.mark.parametrize(

@@ -14,8 +14,14 @@ from jax import Array
 from jax.sharding import Mesh, PartitionSpec
 
 from pl_mc.engine.core import EpochBatch, count_events
+from pl_mc.engine.noise import LANES
 from pl_mc.input_errors import InputError, require_whole
 from pl_mc.methods.base import Method
+from pl_mc.noise_models import GAUSSIAN, NoiseModel
+
+# Bytes of one row of the scenarios that a processor takes at a time: 256 in double precision, 512 in single. Larger
+# tiles leave its caches, smaller ones drown in the cost of calls (measured; half or double lose 5 to 30 %).
+_PROCESSOR_TILE = 2048
 
 # Name of the mesh axis over which blocks of noise are spread.
 _BLOCKS = "blocks"
@@ -33,19 +39,27 @@ def instruction_set() -> str:
 
 
 @functools.cache
-def compiler_options() -> dict[str, int]:
-    """Options for the compiler, for the kernels of this project alone.
+def compiler_options() -> dict[str, int | str]:
+    """Options for the compiler, for the kernels of this project alone; none where it does not know them.
 
-    With AVX-512, vectors of 512 bits instead of 256 gave 5 to 15 % where it was tried (JAX 0.10, AMD EPYC).
+    On a processor (JAX 0.10, AMD EPYC): with AVX-512, vectors of 512 bits instead of 256 gave 5 to 15 %. Calls run
+    in as many threads as there are cores, so that splitting single operations over threads, which the compiler does
+    where it finds them heavy, costs their waiting for each other and gains nothing: 10 to 20 %.
     """
-    options = {"xla_cpu_prefer_vector_width": 512}
-    if jax.default_backend() != "cpu" or "avx512" not in instruction_set():
+    if jax.default_backend() != "cpu":
         return {}
+    wanted: dict[str, int | str] = {"xla_disable_hlo_passes": "cpu-parallel-task-assigner"}
+    if "avx512" in instruction_set():
+        wanted["xla_cpu_prefer_vector_width"] = 512
+    return {option: value for option, value in wanted.items() if _known(option, value)}
+
+
+def _known(option: str, value: int | str) -> bool:
     try:
-        jax.jit(lambda x: x, compiler_options=options)(np.float32(0)).block_until_ready()
+        jax.jit(lambda x: x, compiler_options={option: value})(np.float32(0)).block_until_ready()
     except Exception:  # Another version of the compiler may not know the option; it names no type for that.
-        return {}
-    return options
+        return False
+    return True
 
 
 def require_devices(devices: int | None) -> int:
@@ -62,20 +76,35 @@ def require_devices(devices: int | None) -> int:
 
 @functools.cache
 def compiled_count(devices: int) -> Callable[..., Array]:
-    """`count_events` as one compiled function, with static ``methods`` and ``blocks``."""
+    """`count_events` as one compiled function, with static ``methods``, ``blocks`` and ``noise_model``."""
     options = compiler_options()
     on_processor = jax.default_backend() == "cpu"
 
-    def one_device(batch: EpochBatch, *numbers: Array, methods: tuple[Method, ...], blocks: int) -> Array:
-        together = 1 if on_processor else blocks
-        return count_events(batch, *numbers, methods=methods, blocks=blocks, together=together)
+    def one_device(
+        batch: EpochBatch,
+        *numbers: Array,
+        methods: tuple[Method, ...],
+        blocks: int,
+        noise_model: NoiseModel = GAUSSIAN,
+    ) -> Array:
+        together = _PROCESSOR_TILE // (LANES * batch.design.dtype.itemsize) if on_processor else blocks
+        return count_events(
+            batch, *numbers, methods=methods, blocks=blocks, together=together, noise_model=noise_model
+        )
 
-    def several_devices(batch: EpochBatch, *numbers: Array, methods: tuple[Method, ...], blocks: int) -> Array:
+    def several_devices(
+        batch: EpochBatch,
+        *numbers: Array,
+        methods: tuple[Method, ...],
+        blocks: int,
+        noise_model: NoiseModel = GAUSSIAN,
+    ) -> Array:
         each = -(-blocks // devices)
 
         def share(batch: EpochBatch, seed: Array, first: Array, *rest: Array) -> Array:
             mine = first + jax.lax.axis_index(_BLOCKS).astype(jnp.int32) * each
-            return jax.lax.psum(one_device(batch, seed, mine, *rest, methods=methods, blocks=each), _BLOCKS)
+            counts = one_device(batch, seed, mine, *rest, methods=methods, blocks=each, noise_model=noise_model)
+            return jax.lax.psum(counts, _BLOCKS)
 
         mesh = Mesh(np.array(jax.local_devices()[:devices]), (_BLOCKS,))
         everywhere = PartitionSpec()
@@ -83,4 +112,4 @@ def compiled_count(devices: int) -> Callable[..., Array]:
         return spread(batch, *numbers)
 
     function = one_device if devices == 1 else several_devices
-    return jax.jit(function, static_argnames=("methods", "blocks"), compiler_options=options)
+    return jax.jit(function, static_argnames=("methods", "blocks", "noise_model"), compiler_options=options)

@@ -7,7 +7,7 @@ noise block for all its faults. Least squares of noise plus fault is then a sum 
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import TypeVar
 
 import jax
@@ -15,10 +15,11 @@ import jax.numpy as jnp
 from jax import Array
 
 from pl_mc.engine.events import EVENTS, events
-from pl_mc.engine.noise import epoch_key, live_lanes, unit_noise
+from pl_mc.engine.noise import epoch_key, live_lanes, unit_inputs
 from pl_mc.kernels import LinearModel, Start, linear_model
 from pl_mc.kernels.linear_model import product
 from pl_mc.methods.base import Method, Outcome
+from pl_mc.noise_models import GAUSSIAN, NoiseModel
 
 Result = TypeVar("Result")
 
@@ -33,6 +34,7 @@ class EpochBatch:
         bias_m: (e, f, n), bias vectors [m].
         applies: (e, f), which of them are faults of this call; the others are skipped.
         epoch: (e,), epoch numbers, which choose the noise.
+        clocks_apart: whether every satellite has one clock at most, see `pl_mc.kernels.LinearModel`.
     """
 
     design: Array
@@ -41,6 +43,7 @@ class EpochBatch:
     bias_m: Array
     applies: Array
     epoch: Array
+    clocks_apart: bool = field(default=False, metadata={"static": True})
 
 
 def count_events(
@@ -54,48 +57,59 @@ def count_events(
     methods: tuple[Method, ...],
     blocks: int,
     together: int = 1,
+    noise_model: NoiseModel = GAUSSIAN,
 ) -> Array:
     """(e, f, methods, events), how often each event of `EVENTS` happened in ``blocks`` blocks of noise (int32).
 
     Blocks below ``full_blocks`` count whole, the block of that number counts its first ``remainder`` draws, later
-    ones do not count. Blocks are taken one after the other, which suits the caches of a processor, or ``together``
-    at a time, which fills an accelerator.
+    ones do not count. ``together`` blocks are taken at a time, side by side: few suit the caches of a processor,
+    many fill an accelerator.
     """
 
     def count_epoch(one: EpochBatch) -> Array:
         model, prepared = prepare_epoch(one, methods)
 
-        def count_block(block: Array) -> Array:
-            live = live_lanes(block, full_blocks, remainder)
+        def add_blocks(total: Array, group: Array) -> tuple[Array, None]:
+            live = side_by_side(jax.vmap(lambda block: live_lanes(block, full_blocks, remainder))(group))
+            live = live.astype(model.design.dtype)
 
             def count(outcomes: list[Outcome]) -> Array:
                 seen = jnp.stack([events(outcome, vertical_m) for outcome in outcomes])
-                return jnp.sum(seen & live, axis=-1, dtype=jnp.int32)
+                # The lanes of a call are fewer than the whole numbers of any precision; this is the fastest sum.
+                return product(seen.astype(live.dtype), live).astype(jnp.int32)
 
-            noise = block_noise(model, one, seed, block)
+            noise = side_by_side(jax.vmap(lambda block: block_noise(model, one, seed, block, noise_model))(group))
             nothing = jnp.zeros((len(methods), len(EVENTS)), jnp.int32)
-            return each_outcome(model, prepared, methods, one, noise, count, skipped=nothing)
+            return total + each_outcome(model, prepared, methods, one, noise, count, skipped=nothing), None
 
-        def add_blocks(total: Array, group: Array) -> tuple[Array, None]:
-            if together == 1:
-                return total + count_block(group[0]), None
-            return total + jnp.sum(jax.vmap(count_block)(group), axis=0, dtype=jnp.int32), None
-
-        # Groups are filled up with blocks that do not count: full_blocks and remainder leave them out.
+        # Groups are filled up with a block that does not count.
         groups = -(-blocks // together)
-        numbers = first_block + jnp.arange(groups * together, dtype=jnp.int32).reshape(groups, together)
+        place = jnp.arange(groups * together, dtype=jnp.int32)
+        numbers = jnp.where(place < blocks, first_block + place, full_blocks + 1).reshape(groups, together)
         none = jnp.zeros((one.bias_m.shape[0], len(methods), len(EVENTS)), jnp.int32)
         return jax.lax.scan(add_blocks, none, numbers)[0]
 
     return jax.lax.map(count_epoch, batch)
 
 
-def block_outcomes(batch: EpochBatch, seed: Array, block: Array, *, methods: tuple[Method, ...]) -> list[Outcome]:
+def side_by_side(blocks: Array) -> Array:
+    """(..., k lanes) of (k, ..., lanes)."""
+    return jnp.moveaxis(blocks, 0, -2).reshape(*blocks.shape[1:-1], -1)
+
+
+def block_outcomes(
+    batch: EpochBatch,
+    seed: Array,
+    block: Array,
+    *,
+    methods: tuple[Method, ...],
+    noise_model: NoiseModel = GAUSSIAN,
+) -> list[Outcome]:
     """The outcomes themselves of one block of noise, per method, with leading axes (e, f)."""
 
     def one_epoch(one: EpochBatch) -> list[Outcome]:
         model, prepared = prepare_epoch(one, methods)
-        noise = block_noise(model, one, seed, block)
+        noise = block_noise(model, one, seed, block, noise_model)
         return each_outcome(model, prepared, methods, one, noise, lambda outcomes: outcomes)
 
     return jax.lax.map(one_epoch, batch)
@@ -103,14 +117,17 @@ def block_outcomes(batch: EpochBatch, seed: Array, block: Array, *, methods: tup
 
 def prepare_epoch(one: EpochBatch, methods: tuple[Method, ...]) -> tuple[LinearModel, list]:
     """The model of one epoch, and what each method makes of it before any noise."""
-    model = linear_model(one.design, one.sigma_m, one.in_view)
+    model = linear_model(one.design, one.sigma_m, one.in_view, clocks_apart=one.clocks_apart)
     return model, [method.prepare(model) for method in methods]
 
 
-def block_noise(model: LinearModel, one: EpochBatch, seed: Array, block: Array) -> Array:
+def block_noise(
+    model: LinearModel, one: EpochBatch, seed: Array, block: Array, noise_model: NoiseModel = GAUSSIAN
+) -> Array:
     """(n, LANES), the noise of one block at one epoch, in units of each satellite's sigma."""
     rows, dtype = model.design.shape[0], model.design.dtype
-    return unit_noise(epoch_key(seed, one.epoch), block, rows, dtype)
+    key = epoch_key(seed, one.epoch)
+    return noise_model.shape(model, unit_inputs(key, block, noise_model.inputs_per_row, rows, dtype))
 
 
 def each_fault(

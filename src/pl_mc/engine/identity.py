@@ -16,11 +16,15 @@ from pl_mc.engine import plan as cut
 from pl_mc.engine.compiling import compiler_options, instruction_set
 from pl_mc.engine.noise import LANES
 from pl_mc.engine.task import SweepTask
+from pl_mc.noise_models import GAUSSIAN
 
 Identity = Mapping[str, Mapping[str, Any]]
 
 # What was asked for; and where it runs, which can move the last bits of a number.
 ASKED, WHERE = "experiment", "environment"
+
+# What a field that is left out means.
+_UNSAID = {"noise": repr(GAUSSIAN)}
 
 
 def identity_of(task: SweepTask) -> Identity:
@@ -38,6 +42,9 @@ def identity_of(task: SweepTask) -> Identity:
         "scenarios per call": cut.SCENARIOS_PER_CALL,
         "calls per part": task.plan.calls_per_part,
     }
+    # What Gaussian sweeps have stored stays theirs: they say nothing of a noise model.
+    if task.noise != GAUSSIAN:
+        asked["noise"] = repr(task.noise)
     return {ASKED: asked, WHERE: environment()}
 
 
@@ -68,7 +75,8 @@ def differences(before: Identity, now: Identity, sections: Sequence[str] = (ASKE
         for field in [*old, *(field for field in new if field not in old)]:
             if old.get(field) != new.get(field):
                 told = field in ("geometry", "faults")
-                found.append(f"{field}" if told else f"{field}: {old.get(field)} before, {new.get(field)} now")
+                was, is_now = (part.get(field, _UNSAID.get(field)) for part in (old, new))
+                found.append(f"{field}" if told else f"{field}: {was} before, {is_now} now")
     return found
 
 

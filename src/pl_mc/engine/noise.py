@@ -8,7 +8,11 @@ from __future__ import annotations
 
 import jax
 import jax.numpy as jnp
+import numpy as np
 from jax import Array
+
+# Keys of the second and further numbers of a satellite are found beyond all numbers that blocks can have.
+_FURTHER = 2**31
 
 # Draws per block. Part of the definition of the noise: another width gives other draws.
 LANES = 256
@@ -34,3 +38,12 @@ def unit_noise(key: Array, block: Array, rows: int, dtype: jax.typing.DTypeLike)
     other random bits than double, and its inverse error function ends at 5.42 standard deviations.
     """
     return jax.random.normal(jax.random.fold_in(key, block), (rows, LANES), dtype)
+
+
+def unit_inputs(key: Array, block: Array, inputs: int, rows: int, dtype: jax.typing.DTypeLike) -> tuple[Array, ...]:
+    """``inputs`` arrays (rows, LANES) of independent standard normal numbers; the first is `unit_noise`.
+
+    The others come from keys of their own, so that the first does not depend on how many there are.
+    """
+    keys = [key, *(jax.random.fold_in(key, np.uint32(_FURTHER + k)) for k in range(inputs - 1))]
+    return tuple(unit_noise(one, block, rows, dtype) for one in keys)

@@ -31,10 +31,11 @@ from pl_mc.host.precision import dtype_of, precision_scope
 from pl_mc.input_errors import require_whole
 from pl_mc.kernels import linear_model, start_from
 from pl_mc.methods import Method, Outcome, as_methods
+from pl_mc.noise_models import GAUSSIAN, NoiseModel, as_noise_model
 
 OUTCOME_COLUMNS = ("east_m", "north_m", "up_m", "hpl_m", "vpl_m", "available", "alarm")
 
-_block_outcomes = jax.jit(block_outcomes, static_argnames=("methods",))
+_block_outcomes = jax.jit(block_outcomes, static_argnames=("methods", "noise_model"))
 
 
 def sample(
@@ -46,11 +47,12 @@ def sample(
     methods: Sequence[str | Method] = ("ls", "igg3"),
     alert: AlertLimits = LPV_200,
     precision: str = "float64",
+    noise: str | NoiseModel = GAUSSIAN,
 ) -> pd.DataFrame:
     """The first draws of the sweep with the same seed, one by one: errors, protection levels and alarms.
 
     Args:
-        g, faults, draws, seed, methods, alert, precision: as for `pl_mc.sweep`.
+        g, faults, draws, seed, methods, alert, precision, noise: as for `pl_mc.sweep`.
 
     Returns:
         One row per epoch, fault, method and draw: ``epoch, fault, bias_m, method, draw, east_m, north_m, up_m,
@@ -59,7 +61,8 @@ def sample(
     require_inputs(g, faults, alert)
     draws = require_whole(draws, field="draws", low=1, high=LARGEST_DRAWS)
     seed = require_whole(seed, field="seed", low=0, high=LARGEST_SEED)
-    chosen = as_methods(methods)
+    chosen, shaped = as_methods(methods), as_noise_model(noise)
+    shaped.require_geometry(g)
     dtype = dtype_of(precision)
     plan = make_plan(g, faults, draws)
     parts = []
@@ -68,7 +71,7 @@ def sample(
         for block in range(math.ceil(draws / LANES)):
             with precision_scope(precision):
                 batch = plan.batch(Chunk(first, stop, 0), dtype)
-                found = _block_outcomes(batch, np.uint32(seed), np.int32(block), methods=chosen)
+                found = _block_outcomes(batch, np.uint32(seed), np.int32(block), methods=chosen, noise_model=shaped)
                 found = jax.tree.map(np.asarray, found)
             valid = np.zeros((plan.epochs_per_call, plan.fault_index.shape[1], LANES), dtype=bool)
             valid[: stop - first] = (plan.fault_index[first:stop] >= 0)[:, :, None]

@@ -6,6 +6,7 @@ is asked for alone, never on the machine, so that any machine can count any part
 
 from __future__ import annotations
 
+import functools
 import math
 from collections.abc import Iterator
 from dataclasses import dataclass
@@ -17,7 +18,7 @@ from numpy.typing import NDArray
 from pl_mc.engine.core import EpochBatch
 from pl_mc.engine.noise import LANES
 from pl_mc.faults import Faults
-from pl_mc.geometry.record import Geometry
+from pl_mc.geometry.record import POSITION_UNKNOWNS, Geometry
 
 # Scenarios per call: large enough to hide a call's cost, small enough for a live progress bar and little memory.
 SCENARIOS_PER_CALL = 2**20
@@ -89,6 +90,12 @@ class Plan:
     def _block_groups(self) -> int:
         return math.ceil(self.blocks / self.blocks_per_call)
 
+    @functools.cached_property
+    def clocks_apart(self) -> bool:
+        """Whether no row of the design has more than one clock; all calls take the same way."""
+        clocks = self.geometry.design[self.epochs][..., POSITION_UNKNOWNS:]
+        return bool(((clocks != 0).sum(axis=-1) <= 1).all())
+
     def batch(self, chunk: Chunk, dtype: np.dtype) -> EpochBatch:
         """The arrays of one call, made in the precision scope in which it runs.
 
@@ -110,6 +117,7 @@ class Plan:
             bias_m=jnp.asarray(np.where(counts, bias, 0.0), dtype),
             applies=jnp.asarray(applies & ~surplus[:, None]),
             epoch=jnp.asarray(g.epoch[index], np.uint32),
+            clocks_apart=self.clocks_apart,
         )
 
 

@@ -18,6 +18,7 @@ from pl_mc.geometry.record import Geometry
 from pl_mc.host.precision import dtype_of
 from pl_mc.input_errors import InputError, require_whole
 from pl_mc.methods import Method, as_methods
+from pl_mc.noise_models import GAUSSIAN, NoiseModel, as_noise_model
 
 
 def sweep(
@@ -28,6 +29,7 @@ def sweep(
     seed: int,
     methods: Sequence[str | Method] = ("ls", "igg3"),
     alert: AlertLimits = LPV_200,
+    noise: str | NoiseModel = GAUSSIAN,
     precision: str = "float64",
     by_epoch: bool = False,
     workers: int | None = None,
@@ -47,6 +49,8 @@ def sweep(
         seed: chooses the noise, 0 to 2^32 - 1. The same seed gives the same counts.
         methods: names or records of methods.
         alert: alert limits; the vertical one decides.
+        noise: how errors are distributed, a name or a record of `pl_mc.noise_models`; methods and weights go on
+            believing that they have each satellite's sigma.
         precision: ``float64`` or ``float32``. Single precision draws other noise from the same seed, and none
             beyond 5.42 sigma: rates near 1e-7 are not to be had from it.
         by_epoch: one row for each epoch of a series, which takes memory for each, instead of sums over epochs.
@@ -79,8 +83,8 @@ def sweep(
         progress=progress,
     )
     return run_sweep(
-        g, faults, draws=draws, seed=seed, methods=methods, alert=alert, precision=precision, by_epoch=by_epoch,
-        execution=execution,
+        g, faults, draws=draws, seed=seed, methods=methods, alert=alert, noise=noise, precision=precision,
+        by_epoch=by_epoch, execution=execution,
     )  # fmt: skip
 
 
@@ -93,11 +97,14 @@ def run_sweep(
     methods: Sequence[str | Method],
     alert: AlertLimits,
     precision: str,
+    noise: str | NoiseModel = GAUSSIAN,
     by_epoch: bool = False,
     execution: Execution,
 ) -> pd.DataFrame:
     """`pl_mc.sweep`, with the way it runs as one record."""
     require_inputs(g, faults, alert)
+    chosen_noise = as_noise_model(noise)
+    chosen_noise.require_geometry(g)
     task = SweepTask(
         geometry=g,
         faults=faults,
@@ -106,6 +113,7 @@ def run_sweep(
         methods=as_methods(methods),
         alert=alert,
         precision=str(dtype_of(precision)),
+        noise=chosen_noise,
     )
     single = by_epoch or not g.is_series
     totals: EpochTotals | FaultTotals = EpochTotals.of(task) if single else FaultTotals.of(task)

@@ -20,6 +20,7 @@ from pl_mc.geometry.record import Geometry
 from pl_mc.host.precision import dtype_of, precision_scope
 from pl_mc.host.threads import in_order
 from pl_mc.methods.base import Method
+from pl_mc.noise_models import GAUSSIAN, NoiseModel
 
 # Shapes whose function this process has compiled: their first call need not run alone.
 _COMPILED: set[tuple[object, ...]] = set()
@@ -53,6 +54,7 @@ class SweepTask:
     methods: tuple[Method, ...]
     alert: AlertLimits
     precision: str
+    noise: NoiseModel = GAUSSIAN
 
     @functools.cached_property
     def plan(self) -> Plan:
@@ -74,6 +76,7 @@ class SweepTask:
                 jnp.asarray(self.alert.vertical_m, dtype),
                 methods=self.methods,
                 blocks=self.plan.blocks_per_call,
+                noise_model=self.noise,
             )
             return np.asarray(counts)[: chunk.stop_epoch - chunk.first_epoch]
 
@@ -114,7 +117,7 @@ class SweepTask:
         """What the compiled function depends on."""
         g, plan = self.plan.geometry, self.plan
         sizes = (plan.epochs_per_call, plan.blocks_per_call, plan.fault_index.shape[1], *g.design.shape[1:])
-        return self.methods, self.precision, devices, sizes
+        return self.methods, self.noise, self.precision, devices, sizes
 
     def _gather(self, number: int, found: list[tuple[Chunk, NDArray[np.int32]]]) -> PartCounts:
         first, stop = found[0][0].first_epoch, found[-1][0].stop_epoch

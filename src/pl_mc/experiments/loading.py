@@ -7,6 +7,7 @@ import tomllib
 import types
 import typing
 from collections.abc import Mapping
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
@@ -26,6 +27,31 @@ def experiment_files() -> dict[str, Path]:
     return {} if folder is None else {path.stem: path for path in sorted(folder.glob("*.toml"))}
 
 
+@dataclass(frozen=True)
+class ExperimentSource:
+    """An experiment as it is written, before any field is checked.
+
+    Attributes:
+        name: what a run of it is called.
+        path: the file.
+        text: the file's text; empty for a manifest, whose lines say nothing to a reader.
+        content: the fields.
+    """
+
+    name: str
+    path: Path
+    text: str
+    content: Mapping[str, Any]
+
+
+@dataclass(frozen=True)
+class FieldProblem:
+    """A field that cannot be used: its path, ``geometry.epochs``, and why, a sentence without the path."""
+
+    field: str
+    reason: str
+
+
 def load_experiment(which: str, overrides: Mapping[str, Any] | None = None) -> tuple[str, Experiment]:
     """Name and record of an experiment.
 
@@ -36,6 +62,13 @@ def load_experiment(which: str, overrides: Mapping[str, Any] | None = None) -> t
     Raises:
         InputError: no such experiment or file, text that is no TOML, or fields that are wrong (all are named).
     """
+    source = read_source(which)
+    content = dict(source.content) | dict(overrides or {})
+    return source.name, build_experiment(content, source=str(source.path.name))
+
+
+def read_source(which: str) -> ExperimentSource:
+    """The fields of an experiment as they are written; ``which`` and errors as for `load_experiment`."""
     path = Path(which)
     known = experiment_files()
     if which in known:
@@ -50,21 +83,29 @@ def load_experiment(which: str, overrides: Mapping[str, Any] | None = None) -> t
         raise InputError(f"{which}: the file cannot be read ({error}).") from None
     if path.suffix == ".json":
         name, content = _from_manifest(path, text)
-    else:
-        name, content = path.stem, _from_toml(path, text)
-    return name, build_experiment(content | dict(overrides or {}), source=str(path.name))
+        return ExperimentSource(name, path, "", content)
+    return ExperimentSource(path.stem, path, text, _from_toml(path, text))
 
 
 def build_experiment(content: Mapping[str, Any], *, source: str) -> Experiment:
     """The record of an experiment's fields; an `InputError` names every wrong one."""
+    problems = field_problems(content)
+    if problems:
+        raise InputError("\n".join(f"{source}: {one.field}: {one.reason}" for one in problems))
+    return KINDS[content["kind"]].model.model_validate(content)
+
+
+def field_problems(content: Mapping[str, Any]) -> list[FieldProblem]:
+    """Every field that its record refuses, as far as the record alone can tell."""
     kind = content.get("kind")
     if kind not in KINDS:
-        raise InputError(f"{source}: kind: {kind!r} is unknown ({nearest(str(kind), KINDS)}).")
+        return [FieldProblem("kind", f"{kind!r} is unknown ({nearest(str(kind), KINDS)}).")]
     model = KINDS[kind].model
     try:
-        return model.model_validate(content)
+        model.model_validate(content)
     except ValidationError as error:
-        raise InputError("\n".join(_sentence(source, model, item) for item in error.errors())) from None
+        return [_problem(model, item) for item in error.errors()]
+    return []
 
 
 def _from_toml(path: Path, text: str) -> dict[str, Any]:
@@ -82,17 +123,17 @@ def _from_manifest(path: Path, text: str) -> tuple[str, dict[str, Any]]:
         raise InputError(f"{path}: it is no manifest of a run.") from None
 
 
-def _sentence(source: str, model: type[BaseModel], error: Mapping[str, Any]) -> str:
+def _problem(model: type[BaseModel], error: Mapping[str, Any]) -> FieldProblem:
     # Capitalised parts are the forms that a field may take, not names in the file.
     names = [str(part) for part in error["loc"] if not str(part)[:1].isupper()]
     field = ".".join(names)
     if error["type"] == "extra_forbidden":
         owners = _models_at(model, names[:-1])
         valid = [name for owner in owners for name in owner.model_fields]
-        return f"{source}: {field}: there is no such field ({nearest(names[-1], valid)})."
+        return FieldProblem(field, f"there is no such field ({nearest(names[-1], valid)}).")
     message = error["msg"].removeprefix("Value error, ").rstrip(".")
     given = "" if error["type"] == "missing" else f", not {error['input']!r}"
-    return f"{source}: {field}: {message[:1].lower()}{message[1:]}{given}."
+    return FieldProblem(field, f"{message[:1].lower()}{message[1:]}{given}.")
 
 
 def _models_at(model: type[BaseModel], path: list[str]) -> list[type[BaseModel]]:

@@ -42,7 +42,8 @@ def merge(folders: Sequence[Path], out: Path, *, progress: bool | None = None) -
         reason = (error.strerror or str(error)).lower()
         raise InputError(f"{place.folder}: the parts cannot be gathered ({reason}).") from None
     experiment = build_experiment(first["experiment"], source=RECORD)
-    return run_experiment(first["name"], experiment, out, progress=progress, execution=Execution(stored_only=True))
+    how = Execution(stored_only=True, progress=progress)
+    return run_experiment(first["name"], experiment, out, execution=how)
 
 
 def _source(folder: Path) -> Path:

@@ -28,10 +28,11 @@ _RECORDED = ("pl_mc", "jax", "jaxlib", "numpy", "scipy", "pandas", "pyarrow", "m
 
 
 @contextlib.contextmanager
-def result_folder(path: Path) -> Iterator[Path]:
+def result_folder(path: Path, *, sign: str = MANIFEST) -> Iterator[Path]:
     """A folder to write into, which takes its place at ``path`` only when everything is written.
 
-    An earlier result at ``path`` is replaced; a folder that is not a result is left alone.
+    An earlier result at ``path``, which is known by the file ``sign`` in it, is replaced; any other folder is left
+    alone.
 
     Raises:
         InputError: the place cannot be written to, or holds something else.
@@ -39,7 +40,7 @@ def result_folder(path: Path) -> Iterator[Path]:
     path = Path(path).absolute()
     if path.exists() and not path.is_dir():
         raise InputError(f"{path}: the output is a folder, but a file of that name is there.")
-    if path.is_dir() and any(path.iterdir()) and not (path / MANIFEST).is_file():
+    if path.is_dir() and any(path.iterdir()) and not (path / sign).is_file():
         raise InputError(f"{path}: the folder holds something other than an earlier result; name another one.")
     try:
         path.parent.mkdir(parents=True, exist_ok=True)

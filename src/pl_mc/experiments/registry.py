@@ -8,6 +8,7 @@ from dataclasses import dataclass
 from pl_mc.experiments import (
     guo_run,
     map_run,
+    noise_run,
     observe_run,
     readings_run,
     risk_run,
@@ -39,6 +40,7 @@ class Kind:
 KINDS: dict[str, Kind] = {
     "guo": Kind(guo_run.GuoExperiment, guo_run.run),
     "map": Kind(map_run.MapExperiment, map_run.run, map_run.sweeps),
+    "noise": Kind(noise_run.NoiseExperiment, noise_run.run, noise_run.sweeps),
     "readings": Kind(readings_run.ReadingsExperiment, readings_run.run),
     "satellite-ramps": Kind(
         satellite_ramp_run.SatelliteRampExperiment, satellite_ramp_run.run, satellite_ramp_run.sweeps

@@ -14,8 +14,12 @@ class RunResult:
         folder: the results.
         summary: one screen of text in Markdown.
         notes: sentences about what was left out or chosen.
+        answer: the answer in three sentences; none for a share of a run.
+        page: name of the page in the folder; empty for a share.
     """
 
     folder: Path
     summary: str
     notes: tuple[str, ...]
+    answer: tuple[str, ...] = ()
+    page: str = ""

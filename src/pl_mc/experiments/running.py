@@ -14,12 +14,16 @@ from pathlib import Path
 
 from pl_mc.engine import Execution
 from pl_mc.experiments.common import Experiment
+from pl_mc.experiments.field_meanings import meanings_of
 from pl_mc.experiments.output import result_folder, write_manifest
 from pl_mc.experiments.registry import KINDS, Kind
 from pl_mc.experiments.result import RunResult
 from pl_mc.experiments.sweeps import PlannedSweep
 from pl_mc.experiments.unfinished import Unfinished
 from pl_mc.input_errors import InputError
+from pl_mc.report.answers import answer_of
+from pl_mc.report.page import PAGE, write_report
+from pl_mc.report.run_folder import read_run_folder
 
 
 class Interrupted(KeyboardInterrupt):
@@ -31,7 +35,6 @@ def run_experiment(
     experiment: Experiment,
     out: Path | None = None,
     *,
-    progress: bool | None = None,
     execution: Execution | None = None,
     fresh: bool = False,
 ) -> RunResult:
@@ -41,8 +44,8 @@ def run_experiment(
         name: its name, which the manifest records.
         experiment: the record.
         out: the results folder; ``runs/<name>`` unless given.
-        progress: whether to show a progress bar; where standard error is a terminal unless given.
-        execution: how its sweeps run; in this process unless given. Its folder is not used.
+        execution: how it runs and whether it shows its progress; in this process unless given. Its folder is not
+            used.
         fresh: forget an unfinished run of the same results folder.
 
     Raises:
@@ -50,7 +53,7 @@ def run_experiment(
         Interrupted: by Ctrl-C.
     """
     folder = Path("runs") / name if out is None else Path(out)
-    how = replace(execution or Execution(), progress=progress)
+    how = execution or Execution()
     kind = _kind(experiment)
     if _shared(how):
         _sweeps(experiment)
@@ -61,23 +64,23 @@ def run_experiment(
         summary = _with_notes(summary, notes)
         (working / "summary.md").write_text(summary, encoding="utf-8")
         write_manifest(working, name=name, experiment=experiment, notes=notes, seconds=time.perf_counter() - begin)
+        write_report(working, meanings=meanings_of(experiment), shown_as=folder)
     Unfinished(folder).remove()
-    return RunResult(folder=folder, summary=summary, notes=notes)
+    answer = answer_of(read_run_folder(folder))
+    return RunResult(folder=folder, summary=summary, notes=notes, answer=answer, page=PAGE)
 
 
-def run_shard(
-    name: str, experiment: Experiment, out: Path | None, execution: Execution, *, progress: bool | None = None
-) -> RunResult:
+def run_shard(name: str, experiment: Experiment, out: Path | None, execution: Execution) -> RunResult:
     """Count one share of the parts of an experiment's sweeps and store them beside the results folder.
 
     Args:
-        name, experiment, out, progress: as for `run_experiment`.
+        name, experiment, out: as for `run_experiment`.
         execution: with its shard.
     """
     assert execution.shard is not None
     folder = Path("runs") / name if out is None else Path(out)
     # Shares of one run may store their parts in one folder: those of others are no obstacle.
-    how = replace(execution, progress=progress, resume=True)
+    how = replace(execution, resume=True)
     kind, sweeps = _kind(experiment), _sweeps(experiment)
     notes: list[str] = []
     with _parts(name, experiment, folder, kind, how, fresh=False) as how:

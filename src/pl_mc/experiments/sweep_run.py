@@ -7,7 +7,7 @@ from typing import Annotated, Any, Literal
 
 import numpy as np
 import pandas as pd
-from pydantic import Discriminator, Field, Tag
+from pydantic import ConfigDict, Discriminator, Field, Tag
 
 from pl_mc.engine import Execution, sample
 from pl_mc.experiments.common import Experiment, SimulatedGeometry, Strict
@@ -16,6 +16,7 @@ from pl_mc.experiments.sweeps import PlannedSweep
 from pl_mc.faults import Faults, biases, no_fault, ramps
 from pl_mc.geometry import Geometry, redundancy_numbers
 from pl_mc.input_errors import InputError, nearest
+from pl_mc.noise_models import GAUSSIAN, NoiseModel, noise_model
 from pl_mc.report.figures import method_label, save_figure
 from pl_mc.report.rate_figures import ramp_figure, rates_by_fault_figure
 from pl_mc.report.text import event_text, markdown_table, metres
@@ -77,13 +78,26 @@ AnyFaults = Annotated[
 ]
 
 
+class NoiseChoice(Strict):
+    """A noise model by name; every further field is an option of that model."""
+
+    model_config = ConfigDict(extra="allow", frozen=True)
+
+    name: str
+
+    def build(self) -> NoiseModel:
+        """The model's record."""
+        return noise_model(self.name, **(self.model_extra or {}))
+
+
 class SweepExperiment(Experiment):
-    """A sweep; see `pl_mc.sweep` for what is counted."""
+    """A sweep; see `pl_mc.sweep` for what is counted, `pl_mc.noise_models` for the noise."""
 
     kind: Literal["sweep"] = "sweep"
     draws: int = Field(ge=1)
     geometry: SimulatedGeometry = SimulatedGeometry()
     faults: AnyFaults
+    noise: NoiseChoice = NoiseChoice(name="gaussian")
 
 
 def sweeps(experiment: SweepExperiment) -> tuple[PlannedSweep, ...]:
@@ -94,7 +108,7 @@ def sweeps(experiment: SweepExperiment) -> tuple[PlannedSweep, ...]:
 def _planned(experiment: SweepExperiment) -> tuple[PlannedSweep, tuple[str, ...]]:
     g = experiment.geometry.build()
     faults, notes = experiment.faults.build(g)
-    return PlannedSweep("sweep", g, faults, experiment.draws), notes
+    return PlannedSweep("sweep", g, faults, experiment.draws, experiment.noise.build()), notes
 
 
 def run(experiment: SweepExperiment, folder: Path, *, execution: Execution) -> tuple[str, tuple[str, ...]]:
@@ -117,7 +131,8 @@ def run(experiment: SweepExperiment, folder: Path, *, execution: Execution) -> t
     write_table(exact, folder, "exact")
     mean_exact = exact.groupby("fault", sort=False).mean(numeric_only=True).reset_index()
     scalar = np.isfinite(faults.scalar_bias_m).all() and len(np.unique(faults.scalar_bias_m)) == len(faults) > 1
-    if scalar and not g.is_series:
+    # Levels one by one and the exact curve are those of Gaussian noise.
+    if scalar and not g.is_series and planned.noise == GAUSSIAN:
         levels = level_table(
             sample(
                 g, faults, draws=min(experiment.draws, LEVEL_DRAWS), seed=experiment.seed, methods=methods,
@@ -130,7 +145,7 @@ def run(experiment: SweepExperiment, folder: Path, *, execution: Execution) -> t
     else:
         figure = rates_by_fault_figure(rates, alert=alert, title=experiment.title)
     save_figure(figure, folder, "rates")
-    return _summary(experiment, g, rates, mean_exact), notes
+    return _summary(experiment, g, rates, mean_exact, planned.noise), notes
 
 
 def level_table(outcomes: pd.DataFrame) -> pd.DataFrame:
@@ -172,7 +187,9 @@ def _first_seen(column: pd.Series) -> pd.Series:
     return column.map(order)
 
 
-def _summary(experiment: SweepExperiment, g: Geometry, total: pd.DataFrame, exact: pd.DataFrame) -> str:
+def _summary(
+    experiment: SweepExperiment, g: Geometry, total: pd.DataFrame, exact: pd.DataFrame, noise: NoiseModel
+) -> str:
     alert = experiment.alert_limits()
     series = g.as_series()
     epochs = f"{len(series)} epochs" if g.is_series else f"epoch {int(g.epoch)}"
@@ -182,6 +199,7 @@ def _summary(experiment: SweepExperiment, g: Geometry, total: pd.DataFrame, exac
         "fault",
         *(f"{what}, {m}" for m in total.method.unique() for what in ("alarm", "missed", "misleading")),
     ]
+    named = "" if noise == GAUSSIAN else f", noise {noise.name}"
     exact_alarm = exact.set_index("fault").alarm_rate
     rows = []
     for fault, group in total.groupby("fault", sort=False):
@@ -193,11 +211,11 @@ def _summary(experiment: SweepExperiment, g: Geometry, total: pd.DataFrame, exac
         f"# {experiment.title}",
         "",
         f"Geometry: {epochs}, {satellites} satellites, {series.design.shape[2]} unknowns, error model "
-        f"{experiment.geometry.error_model}. Alert limit: {alert.name}, VAL {metres(alert.vertical_m)} m. "
+        f"{experiment.geometry.error_model}{named}. Alert limit: {alert.name}, VAL {metres(alert.vertical_m)} m. "
         f"{experiment.draws:,} draws a fault and epoch, seed {experiment.seed}. Rates with 95 % Clopper-Pearson "
         "bounds; `0 (< x %)` is the upper bound where nothing was seen.",
         "",
-        markdown_table([*header, "alarm, LS exact"], rows),
+        markdown_table([*header, "alarm, LS exact" + ("" if noise == GAUSSIAN else ", gaussian")], rows),
         "",
         "alarm: VPL > VAL, or no solution. missed: |vertical error| > VAL and no alarm. misleading: |vertical "
         "error| > VPL and no alarm.",

@@ -14,6 +14,7 @@ from pl_mc.engine.part_files import read_rows
 from pl_mc.experiments.common import Experiment
 from pl_mc.faults import Faults
 from pl_mc.geometry import Geometry
+from pl_mc.noise_models import GAUSSIAN, NoiseModel
 
 
 @dataclass(frozen=True)
@@ -25,12 +26,14 @@ class PlannedSweep:
         g: geometry.
         faults: faults.
         draws: noise draws for each fault at each epoch.
+        noise: the noise.
     """
 
     name: str
     g: Geometry
     faults: Faults
     draws: int
+    noise: NoiseModel = GAUSSIAN
 
     def run(self, experiment: Experiment, execution: Execution) -> pd.DataFrame:
         """The table, see `pl_mc.sweep`; parts are stored in a folder of the sweep's own."""
@@ -42,6 +45,7 @@ class PlannedSweep:
             methods=experiment.method_records(),
             alert=experiment.alert_limits(),
             precision=experiment.precision,
+            noise=self.noise,
             execution=execution.inside(self.name),
         )
 

@@ -19,6 +19,7 @@ from pl_mc.geometry.record import POSITION_UNKNOWNS, UP
 from pl_mc.host.precision import precision_scope
 from pl_mc.kernels import linear_model, start_from
 from pl_mc.methods.base import Method, Outcome
+from pl_mc.noise_models import GAUSSIAN, NoiseModel
 
 FloatArray = NDArray[np.float64]
 
@@ -41,8 +42,9 @@ class Rotation:
     an estimator that follows a shift of its observations does not feel them in its vertical error or its levels.
 
     Attributes:
-        matrix: (n, m), rows of the geometry by coordinates, m satellites in view; zero on padding.
-        active: number of coordinates that matter: degrees of freedom and one.
+        matrix: (n, m), rows of the geometry by coordinates, m satellites in view; zero on padding. Where an error
+            comes from k numbers (k n, k m).
+        active: number of coordinates that matter: degrees of freedom and one; all where errors are not Gaussian.
     """
 
     matrix: FloatArray
@@ -79,6 +81,23 @@ def rotation(design: FloatArray, sigma_m: FloatArray, in_view: NDArray[np.bool_]
     return Rotation(matrix, active=seen.size - unknowns + 1)
 
 
+def all_axes(in_view: NDArray[np.bool_], inputs: int) -> Rotation:
+    """The numbers of each satellite in view as they are, where turning them would give other errors.
+
+    Independent errors that are not Gaussian look the same along the axes of the satellites alone, and an error that
+    comes from several numbers has no direction at all. So every coordinate matters.
+
+    Args:
+        in_view: (n,); inputs: numbers of each satellite.
+
+    Returns:
+        Coordinates by (inputs, satellites in view), rows by (inputs, n).
+    """
+    one = np.eye(in_view.size)[:, in_view]
+    matrix = np.asarray(np.kron(np.eye(inputs), one), dtype=np.float64)
+    return Rotation(matrix, active=matrix.shape[1])
+
+
 def _orthonormal(columns: FloatArray) -> FloatArray:
     """Gram-Schmidt, twice, over columns of which those that depend on earlier ones are left out."""
     kept: list[FloatArray] = []
@@ -103,7 +122,9 @@ class LimitState:
         method: the method.
         event: one of `RISK_EVENTS`.
         vertical_m: vertical alert limit [m].
-        coordinates: the coordinates of the points.
+        coordinates: the coordinates of the points: `rotation` for errors that are Gaussian but for a constant,
+            else `all_axes`.
+        noise: what standard normal numbers are made into.
     """
 
     design: FloatArray
@@ -114,6 +135,7 @@ class LimitState:
     event: str
     vertical_m: float
     coordinates: Rotation
+    noise: NoiseModel = GAUSSIAN
 
     @property
     def active(self) -> int:
@@ -126,7 +148,7 @@ class LimitState:
         return self.coordinates.matrix.shape[1]
 
     def __call__(self, points: FloatArray) -> FloatArray:
-        """(N,), the limit state [m] of points (N, dimension), standard normal under the nominal noise."""
+        """(N,), the limit state [m] of points (N, dimension), standard normal."""
         values = np.empty(len(points))
         rows = self.coordinates.matrix
         with precision_scope("float64"):
@@ -143,12 +165,13 @@ class LimitState:
                     np.float64(self.vertical_m),
                     np.int32(RISK_EVENTS.index(self.event)),
                     method=self.method,
+                    noise_model=self.noise,
                 )
                 values[start : start + len(some)] = np.asarray(found)[: len(some)]
         return values
 
 
-@functools.partial(jax.jit, static_argnames=("method",))
+@functools.partial(jax.jit, static_argnames=("method", "noise_model"))
 def _levels(
     design: Array,
     sigma_m: Array,
@@ -159,14 +182,18 @@ def _levels(
     event: Array,
     *,
     method: Method,
+    noise_model: NoiseModel,
 ) -> Array:
-    """(N,), the limit state of whitened noise (N, n), for an event by its place in `RISK_EVENTS`."""
+    """(N,), the limit state of standard normal numbers (N, k n), for an event by its place in `RISK_EVENTS`."""
     model = linear_model(design, sigma_m, in_view)
     prepared = method.prepare(model)
     tiles = noise.reshape(-1, _TILE, noise.shape[1])
 
     def one_tile(tile: Array) -> Array:
-        errors = tile.T * sigma_m[:, None] + bias_m[:, None]
+        rows = sigma_m.shape[0]
+        numbers = tile.T
+        units = [numbers[k * rows : (k + 1) * rows] for k in range(noise_model.inputs_per_row)]
+        errors = noise_model.shape(model, units) * sigma_m[:, None] + bias_m[:, None]
         outcome = method.solve(model, prepared, start_from(model, errors))
         # All of them cost next to nothing, and one compiled function serves every event.
         return jnp.stack([limit_state(outcome, vertical_m, name) for name in RISK_EVENTS])[event]

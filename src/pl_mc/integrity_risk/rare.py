@@ -23,9 +23,10 @@ from pl_mc.host.progress import with_progress
 from pl_mc.host.threads import cores, in_order
 from pl_mc.input_errors import InputError, require_choice, require_number, require_whole
 from pl_mc.integrity_risk.importance import ImportanceRun, importance_sampling
-from pl_mc.integrity_risk.limit_state import RISK_EVENTS, LimitState, rotation
+from pl_mc.integrity_risk.limit_state import RISK_EVENTS, LimitState, all_axes, rotation
 from pl_mc.integrity_risk.subset import Sampled, SubsetRun, subset_simulation
 from pl_mc.methods import Method, as_methods
+from pl_mc.noise_models import GAUSSIAN, NoiseModel, as_noise_model
 from pl_mc.statistics.intervals import clopper_pearson
 from pl_mc.statistics.least_squares import ls_quantities
 
@@ -86,6 +87,7 @@ def risk(
     method: str | Method = "igg3",
     target_cov: float = 0.1,
     alert: AlertLimits = LPV_200,
+    noise: str | NoiseModel = GAUSSIAN,
     max_evaluations: int = 10_000_000,
     workers: int | None = None,
     progress: bool | None = None,
@@ -99,12 +101,14 @@ def risk(
     Args:
         g: one epoch or a series.
         faults: bias vectors, from `ramp`, `biases` or `no_fault`.
-        seed: chooses the random numbers, 0 to 2^32 - 1. A row's numbers depend on seed, epoch, fault, method and
-            event alone, not on the other rows.
+        seed: chooses the random numbers, 0 to 2^32 - 1. A row's numbers depend on seed, epoch, fault, method,
+            event and noise alone, not on the other rows.
         event: ``missed``, ``misleading``, ``exceeded`` or ``alarm``, as `pl_mc.sweep` defines them.
         method: name or record of a method.
         target_cov: standard error / probability that is aimed at, above 0 and below 1.
         alert: alert limits; the vertical one decides.
+        noise: how errors are distributed, a name or a record of `pl_mc.noise_models`. Unless they are Gaussian but
+            for a constant every number behind them is a coordinate, and estimates cost more.
         max_evaluations: scenarios that a row may cost, both estimators together; at least 500,000.
         workers: threads that compute rows; as many as cores unless given. No effect on the numbers.
         progress: whether to show a progress bar; where standard error is a terminal unless given.
@@ -136,6 +140,8 @@ def risk(
         raise InputError(f"target_cov: a number above 0 and below 1 is needed, not {target_cov!r}.")
     threads = cores() if workers is None else require_whole(workers, field="workers", low=1)
     (chosen,) = as_methods([method])
+    model = as_noise_model(noise)
+    model.require_geometry(g)
     series = g.as_series()
     available = np.atleast_1d(ls_quantities(series).available)
     rows = [(int(epoch), int(fault)) for epoch, fault in zip(*np.nonzero(faults.applies(g)), strict=True)]
@@ -156,9 +162,14 @@ def risk(
             method=chosen,
             event=event,
             vertical_m=alert.vertical_m,
-            coordinates=rotation(design, sigma, seen, bias),
+            coordinates=(
+                rotation(design, sigma, seen, bias) if model.shifts_only else all_axes(seen, model.inputs_per_row)
+            ),
+            noise=model,
         )
-        name = "/".join((chosen.name, event, faults.labels[fault]))
+        # Gaussian errors are not named: they have had these random numbers all along.
+        named = () if model == GAUSSIAN else (model.name,)
+        name = "/".join((chosen.name, event, faults.labels[fault], *named))
         key = (seed, int(series.epoch[epoch]), zlib.crc32(name.encode()))
         return estimate_risk(limit, key, target_cov=target_cov, most_evaluations=most)
 

@@ -6,7 +6,7 @@ al. 2021, eqs 1-5, with P = diag(1 / sigma^2).
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
 import jax
 import jax.numpy as jnp
@@ -45,9 +45,12 @@ class LinearModel:
         inverse_residual_sigma: (n,), 1 / sqrt(redundancy), zero where the redundancy number is below its floor.
         empty: (t,), 1 for a clock that no satellite in view observes (its unknown is dropped), else 0.
         pivot_floor: (t,), smallest acceptable Cholesky pivots of a reweighted N [1/m^2].
+        apart_floor: (t,), the same where clocks are eliminated before coordinates.
         unknowns: number of unknowns, dropped ones not counted.
         redundancies: n - t, degrees of freedom of the residuals.
         available: whether a solution with a posterior variance exists: N regular and n > t.
+        clocks_apart: whether every row has one clock at most, so that clocks meet in N with coordinates alone; a
+            promise of the caller, which allows a faster elimination.
     """
 
     design: Array
@@ -62,18 +65,23 @@ class LinearModel:
     inverse_residual_sigma: Array
     empty: Array
     pivot_floor: Array
+    apart_floor: Array
     unknowns: Array
     redundancies: Array
     available: Array
+    clocks_apart: bool = field(default=False, metadata={"static": True})
 
 
-def linear_model(design: Array, sigma_m: Array, in_view: Array | None = None) -> LinearModel:
+def linear_model(
+    design: Array, sigma_m: Array, in_view: Array | None = None, *, clocks_apart: bool = False
+) -> LinearModel:
     """Prepare one geometry.
 
     Args:
         design: (n, t), position columns and clock columns [m/m].
         sigma_m: (n,), standard deviations [m].
         in_view: (n,), which rows count; all unless given.
+        clocks_apart: the caller's promise that every row has one clock at most.
     """
     n, t = design.shape
     seen = jnp.ones((n,), bool) if in_view is None else jnp.asarray(in_view, bool)
@@ -109,10 +117,21 @@ def linear_model(design: Array, sigma_m: Array, in_view: Array | None = None) ->
         inverse_residual_sigma=jnp.where(checked, jax.lax.rsqrt(jnp.where(checked, redundancy, 1.0)), 0.0),
         empty=empty,
         pivot_floor=pivot_floor(jnp.stack(factor.pivots)),
+        apart_floor=pivot_floor(_clocks_first_pivots(packed, t)),
         unknowns=unknowns,
         redundancies=redundancies,
         available=factor.regular & (redundancies >= 1),
+        clocks_apart=clocks_apart,
     )
+
+
+def _clocks_first_pivots(packed: Array, t: int) -> Array:
+    """(t,), the pivots of N when clocks are eliminated first, in the order of the unknowns."""
+    order = [*range(COORDINATES, t), *range(COORDINATES)]
+    place = {entry: k for k, entry in enumerate(lower_triangle(t))}
+    moved = [packed[place[max(order[i], order[j]), min(order[i], order[j])]] for i, j in lower_triangle(t)]
+    pivots = cholesky(moved, jnp.zeros(t, packed.dtype)).pivots
+    return jnp.stack([pivots[order.index(k)] for k in range(t)])
 
 
 def add_empty(packed: Array, empty: Array) -> Array:

@@ -15,6 +15,7 @@ import jax.numpy as jnp
 from jax import Array
 
 from pl_mc.input_errors import InputError, require_choice, require_number, require_whole
+from pl_mc.kernels.apart import eliminate_apart
 from pl_mc.kernels.estimate import Estimate, Start, safe_sqrt
 from pl_mc.kernels.linear_model import COORDINATES, LinearModel, add_empty, per_lane, product, redundancy_floor
 from pl_mc.kernels.small_matrix import cholesky, eliminate, inverse_columns, lower_triangle
@@ -75,18 +76,18 @@ class IrlsOptions:
 
 @jax.tree_util.register_dataclass
 @dataclass(frozen=True)
-class _Iterate:
+class Iterate:
     """One solution of the iteration, about the least-squares one.
 
     Attributes:
-        fit: (n, ...), what its state changes in the whitened residuals [sigma].
-        shift: (t, ...), its state minus that of least squares [m].
+        residuals: (n, ...), its whitened residuals, signed as in `Start` [sigma].
+        shift: t of (...), its state minus that of least squares [m].
         square_sum: (...), V'P_bar V.
         determined: (...), whether this solution and all before it are.
     """
 
-    fit: Array
-    shift: Array
+    residuals: Array
+    shift: tuple[Array, ...]
     square_sum: Array
     determined: Array
 
@@ -97,26 +98,51 @@ def irls(model: LinearModel, start: Start, options: IrlsOptions) -> Estimate:
     A scenario is undetermined as soon as one of its solutions is: fewer than t + 1 satellites with w > 0, or a
     pivot below 1e-10 of that of the fault-free N.
     """
-    shape = start.square_sum.shape
-    first = _Iterate(
-        fit=jnp.zeros_like(start.residuals),
-        shift=jnp.zeros_like(start.state),
-        square_sum=start.square_sum,
-        determined=jnp.broadcast_to(model.available, shape),
-    )
-
-    def step(carry: tuple[_Iterate, Array], _: None) -> tuple[tuple[_Iterate, Array], None]:
-        iterate, weights = carry
-        weights = _weights(model, start, iterate, weights, options)
-        return (_solve_weighted(model, start, weights, iterate.determined)[0], weights), None
-
-    first_weights = jnp.ones_like(start.residuals)
+    first, first_weights = first_iterate(model, start), jnp.ones_like(start.residuals)
     if options.start == "huber":
         first, first_weights = _huber_start(model, start, first, first_weights, options)
+    return reweighted(model, start, first, first_weights, options)
+
+
+def first_iterate(model: LinearModel, start: Start) -> Iterate:
+    """Least squares as an iterate."""
+    return Iterate(
+        residuals=start.residuals,
+        shift=tuple(jnp.zeros_like(start.state)),
+        square_sum=start.square_sum,
+        determined=jnp.broadcast_to(model.available, start.square_sum.shape),
+    )
+
+
+def reweighted(
+    model: LinearModel,
+    start: Start,
+    first: Iterate,
+    first_weights: Array,
+    options: IrlsOptions,
+    *,
+    scale: Array | None = None,
+) -> Estimate:
+    """The reweighted estimate that starts from any solution.
+
+    Args:
+        model, start: the geometry, and least squares.
+        first: the solution whose residuals give the first weights.
+        first_weights: (n, ...), the weights that produced it.
+        options: the choices; ``start`` is not among them.
+        scale: (...), a scale of the standardised residuals that stays, instead of ``options.scale``.
+    """
+    shape = start.square_sum.shape
+
+    def step(carry: tuple[Iterate, Array], _: None) -> tuple[tuple[Iterate, Array], None]:
+        iterate, weights = carry
+        weights = _weights(model, iterate, weights, options, scale)
+        return (solve_weighted(model, start, weights, iterate.determined)[0], weights), None
+
     # The last solution stands outside the loop, since it alone is asked for its cofactors.
     (before, weights), _ = jax.lax.scan(step, (first, first_weights), None, length=options.iterations - 1)
-    weights = _weights(model, start, before, weights, options)
-    last, cofactor = _solve_weighted(model, start, weights, before.determined, cofactors=COORDINATES)
+    weights = _weights(model, before, weights, options, scale)
+    last, cofactor = solve_weighted(model, start, weights, before.determined, cofactors=True)
 
     kept = _kept(model, weights)
     if options.redundancy == "all":
@@ -128,28 +154,30 @@ def irls(model: LinearModel, start: Start, options: IrlsOptions) -> Estimate:
     available = last.determined & (freedom > 0)
     unit_error = safe_sqrt(last.square_sum / jnp.where(available, freedom, 1.0))
     sigma = 1.0 / jnp.where(model.weight_root > 0, model.weight_root, 1.0)
+    shift = jnp.stack(last.shift)
+    change = jnp.abs(shift[:COORDINATES] - jnp.stack(before.shift[:COORDINATES]))
     return Estimate(
-        state=jnp.where(available, start.state + last.shift, jnp.inf),
-        residuals_m=(last.fit - start.residuals) * per_lane(sigma * model.in_view, weights),
+        state=jnp.where(available, start.state + shift, jnp.inf),
+        residuals_m=-last.residuals * per_lane(sigma * model.in_view, weights),
         weights=weights,
         unit_error=jnp.where(available, unit_error, jnp.inf),
-        cofactor_m2=jnp.where(available, cofactor, jnp.inf),
+        cofactor_m2=jnp.where(available, jnp.stack(cofactor), jnp.inf),
         kept=kept,
-        change_m=jnp.where(available, jnp.max(jnp.abs(last.shift - before.shift)[:3], axis=0), jnp.inf),
+        change_m=jnp.where(available, jnp.max(change, axis=0), jnp.inf),
         available=available,
     )
 
 
 def _huber_start(
-    model: LinearModel, start: Start, first: _Iterate, weights: Array, options: IrlsOptions
-) -> tuple[_Iterate, Array]:
+    model: LinearModel, start: Start, first: Iterate, weights: Array, options: IrlsOptions
+) -> tuple[Iterate, Array]:
     """The last of the solutions with Huber's weights, and those weights."""
     huber = replace(options, weight=HuberWeight())
 
-    def step(carry: tuple[_Iterate, Array], _: None) -> tuple[tuple[_Iterate, Array], None]:
+    def step(carry: tuple[Iterate, Array], _: None) -> tuple[tuple[Iterate, Array], None]:
         iterate, weights = carry
-        weights = _weights(model, start, iterate, weights, huber)
-        return (_solve_weighted(model, start, weights, iterate.determined)[0], weights), None
+        weights = _weights(model, iterate, weights, huber)
+        return (solve_weighted(model, start, weights, iterate.determined)[0], weights), None
 
     return jax.lax.scan(step, (first, weights), None, length=HUBER_START)[0]
 
@@ -158,27 +186,36 @@ def _kept(model: LinearModel, weights: Array) -> Array:
     return jnp.sum(jnp.where(weights > 0, per_lane(model.in_view, weights), 0.0), axis=0)
 
 
-def _solve_weighted(
-    model: LinearModel, start: Start, weights: Array, determined: Array, *, cofactors: int = 0
-) -> tuple[_Iterate, Array]:
-    """One weighted solution about the least-squares one (Zhao et al. 2021, eq 6), and its first ``cofactors``."""
+def solve_weighted(
+    model: LinearModel, start: Start, weights: Array, determined: Array, *, cofactors: bool = False
+) -> tuple[Iterate, tuple[Array, ...]]:
+    """One weighted solution about the least-squares one (Zhao et al. 2021, eq 6), and its cofactors if wanted."""
     sums = product(model.products, weights)
-    right = product(model.design_rows, weights * start.residuals)[:, None]
-    if cofactors:
-        unit = jnp.eye(right.shape[0], cofactors, dtype=right.dtype)
-        unit = unit.reshape(unit.shape + (1,) * (right.ndim - 2))
-        right = jnp.concatenate([right, jnp.broadcast_to(unit, unit.shape[:2] + right.shape[2:])], axis=1)
-    solved, regular = eliminate(add_empty(sums[:-1], model.empty), right, model.pivot_floor, model.available)
-    shift = solved[:, 0]
-    fit = product(model.design, shift)
-    residuals = start.residuals - fit
-    iterate = _Iterate(
-        fit=fit,
+    right = product(model.design_rows, weights * start.residuals)
+    normal = sums[:-1]
+    if model.clocks_apart:
+        shift, diagonal, regular = eliminate_apart(
+            normal, right, model.apart_floor, model.empty, model.available, cofactors=cofactors
+        )
+    else:
+        sides = right[:, None]
+        if cofactors:
+            unit = jnp.eye(right.shape[0], COORDINATES, dtype=right.dtype)
+            unit = unit.reshape(unit.shape + (1,) * (right.ndim - 1))
+            sides = jnp.concatenate([sides, jnp.broadcast_to(unit, unit.shape[:2] + right.shape[1:])], axis=1)
+        solved, regular = eliminate(add_empty(normal, model.empty), sides, model.pivot_floor, model.available)
+        shift = tuple(solved[:, 0])
+        diagonal = tuple(solved[k, 1 + k] for k in range(COORDINATES) if cofactors)
+    residuals = start.residuals
+    for k, one in enumerate(shift):
+        residuals = residuals - per_lane(model.design[:, k], residuals) * one[None]
+    iterate = Iterate(
+        residuals=residuals,
         shift=shift,
         square_sum=product(model.mask_row, weights * residuals * residuals)[0],
         determined=determined & regular & _enough(model, weights, sums[-1]),
     )
-    return iterate, jnp.stack([solved[k, 1 + k] for k in range(cofactors)]) if cofactors else solved[:0, 0]
+    return iterate, diagonal
 
 
 def _enough(model: LinearModel, weights: Array, weight_sum: Array) -> Array:
@@ -191,16 +228,18 @@ def _enough(model: LinearModel, weights: Array, weight_sum: Array) -> Array:
     )
 
 
-def _weights(model: LinearModel, start: Start, iterate: _Iterate, weights: Array, options: IrlsOptions) -> Array:
+def _weights(
+    model: LinearModel, iterate: Iterate, weights: Array, options: IrlsOptions, scale: Array | None = None
+) -> Array:
     """Weight factors from the residuals of an iterate; ``weights`` are those that produced it."""
-    size = jnp.abs(start.residuals - iterate.fit) * _inverse_residual_sigma(model, weights, options)
-    scale = _scale(model, iterate, size, options)
+    size = jnp.abs(iterate.residuals) * _inverse_residual_sigma(model, weights, options)
+    scale = _scale(model, iterate, size, options) if scale is None else scale
     # A perfect fit leaves no scale; it is undetermined or exact, and any finite number serves.
     weights = options.weight(size * (1.0 / jnp.where(scale > 0, scale, 1.0))[None])
     return jnp.maximum(weights, options.weight_floor) if options.weight_floor else weights
 
 
-def _scale(model: LinearModel, iterate: _Iterate, size: Array, options: IrlsOptions) -> Array:
+def _scale(model: LinearModel, iterate: Iterate, size: Array, options: IrlsOptions) -> Array:
     if options.scale == "apriori":
         return jnp.ones_like(iterate.square_sum)
     if options.scale.startswith("mad"):

@@ -67,3 +67,62 @@ class TukeyWeight:
     def __call__(self, size: Array) -> Array:
         inner = 1.0 - jnp.minimum(size / self.c, 1.0) ** 2
         return inner * inner
+
+
+@dataclass(frozen=True)
+class HampelWeight:
+    """Hampel's three parts: 1 up to a, a / |u| up to b, falling to zero at c, zero beyond.
+
+    After Andrews, Bickel, Hampel, Huber, Rogers & Tukey 1972, Robust Estimates of Location; the constants 2, 4, 8
+    are those of R's `MASS::psi.hampel` and of statsmodels (the book also has 1.7, 3.4, 8.5).
+    """
+
+    a: float = 2.0
+    b: float = 4.0
+    c: float = 8.0
+
+    def __post_init__(self) -> None:
+        sound = all(isinstance(value, numbers.Real) for value in (self.a, self.b, self.c))
+        if not sound or not 0.0 < self.a <= self.b < self.c < float("inf"):
+            raise InputError(
+                f"hampel: 0 < a <= b < c is needed, not a = {self.a!r}, b = {self.b!r}, c = {self.c!r}."
+            )
+
+    def __call__(self, size: Array) -> Array:
+        fall = jnp.clip((self.c - size) * (1.0 / (self.c - self.b)), 0.0, 1.0)
+        return self.a / jnp.maximum(size, self.a) * fall
+
+
+@dataclass(frozen=True)
+class DanishWeight:
+    """The Danish method: 1 up to c, then exp(-((|u| - c) / c)^2), after Krarup, Juhl & Kubik 1980.
+
+    That paper and those after it write several exponentials; this one has no step at c.
+    """
+
+    c: float = 2.0
+
+    def __post_init__(self) -> None:
+        require_positive(self.c, field="danish: c")
+
+    def __call__(self, size: Array) -> Array:
+        beyond = jnp.maximum(size * (1.0 / self.c) - 1.0, 0.0)
+        # Beyond e^-80 nothing is left in single precision either; a bounded square overflows nowhere.
+        return jnp.exp(-jnp.minimum(beyond * beyond, 80.0))
+
+
+@dataclass(frozen=True)
+class L1Weight:
+    """Least absolute residuals: 1 / max(|u|, eps), times eps so that the largest weight is one.
+
+    A common factor changes no solution, nor the product of unit-weight error and cofactors. It is Huber's weight
+    with k = eps, and its sum of absolute residuals is within n eps / 2 of the smallest (Schlossmacher 1973).
+    """
+
+    eps: float = 1e-4
+
+    def __post_init__(self) -> None:
+        require_positive(self.eps, field="l1: eps")
+
+    def __call__(self, size: Array) -> Array:
+        return self.eps / jnp.maximum(size, self.eps)

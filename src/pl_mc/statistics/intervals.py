@@ -60,12 +60,72 @@ def shared_noise_bounds(
     return _beta_bounds(mean * total, total, confidence)
 
 
+def wilson(
+    events: ArrayLike, draws: ArrayLike, confidence: float = 0.95
+) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    """Score bounds of a probability, approximate but between 0 and 1; what `difference_bounds` is made of.
+
+    Source: Wilson (1927), J. Am. Stat. Assoc. 22:209-212. Without a draw they are 0 and 1.
+
+    Args:
+        events: (...), number of events; an effective number, of draws that are not all independent, need not be
+            whole.
+        draws: (...), number of draws, or effective number of them.
+        confidence: probability that the bounds hold the true rate, about; between 0 and 1, both excluded.
+
+    Raises:
+        InputError: fewer than no events, more than draws, or a confidence outside (0, 1).
+    """
+    _require_confidence(confidence)
+    count, total = np.broadcast_arrays(np.asarray(events, dtype=float), np.asarray(draws, dtype=float))
+    if not ((count >= 0) & (count <= total) & np.isfinite(total)).all():
+        raise InputError("events: there are no fewer than 0 and no more than draws.")
+    z2 = special.ndtri(0.5 + confidence / 2.0) ** 2
+    some = np.maximum(total, np.finfo(float).tiny)
+    rate = count / some
+    middle = (count + z2 / 2.0) / (total + z2)
+    # Zero events have the bound 0 exactly, which rounding would miss.
+    half = np.sqrt(z2 * total * rate * (1.0 - rate) + z2**2 / 4.0) / (total + z2)
+    low = np.where(count == 0, 0.0, np.maximum(middle - half, 0.0))
+    high = np.where(count == total, 1.0, np.minimum(middle + half, 1.0))
+    return low, high
+
+
+def difference_bounds(
+    first_events: ArrayLike,
+    first_draws: ArrayLike,
+    second_events: ArrayLike,
+    second_draws: ArrayLike,
+    confidence: float = 0.95,
+) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    """Bounds of the difference of two probabilities, second minus first, of independent draws.
+
+    Source: Newcombe (1998), Statistics in Medicine 17:873-890, method 10 (hybrid score): each bound joins the
+    distances of both rates from their own `wilson` bounds. Draws that both counts share are taken as independent
+    too: where events then go together the bounds are wider than they had to be.
+
+    Args:
+        first_events, first_draws, second_events, second_draws: (...), counts as for `wilson`.
+        confidence: probability that the bounds hold the true difference, about.
+
+    Raises:
+        InputError: as for `wilson`.
+    """
+    first_low, first_high = wilson(first_events, first_draws, confidence)
+    second_low, second_high = wilson(second_events, second_draws, confidence)
+    first = np.asarray(first_events, dtype=float) / np.maximum(np.asarray(first_draws, dtype=float), 1e-300)
+    second = np.asarray(second_events, dtype=float) / np.maximum(np.asarray(second_draws, dtype=float), 1e-300)
+    difference = second - first
+    low = difference - np.hypot(second - second_low, first_high - first)
+    high = difference + np.hypot(second_high - second, first - first_low)
+    return np.maximum(low, -1.0), np.minimum(high, 1.0)
+
+
 def _beta_bounds(
     count: NDArray[np.float64], total: NDArray[np.float64], confidence: float
 ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
     """The bounds of `clopper_pearson`; ``count`` need not be whole."""
-    if not 0.0 < confidence < 1.0:
-        raise InputError(f"confidence: it lies between 0 and 1, both excluded, not {confidence!r}.")
+    _require_confidence(confidence)
     half = (1.0 - confidence) / 2.0
     other = total - count
     # The beta function has no zero parameter: those counts get their closed forms below.
@@ -102,6 +162,11 @@ def binomial_p_value(events: ArrayLike, draws: ArrayLike, probability: ArrayLike
     at_least = np.where(count == 0, 1.0, special.betainc(np.maximum(count, 1.0), other + 1.0, rate))
     at_most = np.where(other == 0, 1.0, special.betaincc(count + 1.0, np.maximum(other, 1.0), rate))
     return np.minimum(1.0, 2.0 * np.minimum(at_least, at_most))
+
+
+def _require_confidence(confidence: float) -> None:
+    if not 0.0 < confidence < 1.0:
+        raise InputError(f"confidence: it lies between 0 and 1, both excluded, not {confidence!r}.")
 
 
 def _require_counts(events: ArrayLike, draws: ArrayLike) -> tuple[NDArray[np.float64], NDArray[np.float64]]:

@@ -1,0 +1,128 @@
+"""``pl-mc list``, ``init``, ``check``: what there is to run, a file to begin with, and whether a file is sound."""
+
+from __future__ import annotations
+
+import sys
+from pathlib import Path
+
+from pl_mc.cli.printing import Flag, Json, Quiet, print_json
+from pl_mc.input_errors import InputError
+
+
+def list_experiments(*, json: Json = False, quiet: Quiet = False) -> None:
+    """List the experiments that come with the package.
+
+    Examples: `pl-mc list`; `pl-mc list --json`
+
+    Parameters
+    ----------
+    json
+        Print names, kinds and titles as JSON.
+    quiet
+        Print the names alone.
+    """
+    from pl_mc.experiments.loading import experiment_files, load_experiment
+
+    records = {name: load_experiment(name)[1] for name in experiment_files()}
+    if json:
+        content = [
+            {"name": name, "kind": one.kind, "title": one.title}  # type: ignore[attr-defined]
+            for name, one in records.items()
+        ]
+        print_json(content)
+        return
+    width = max(map(len, records), default=0)
+    for name, one in records.items():
+        print(name if quiet else f"{name.ljust(width)}  {one.title}")
+
+
+def init(which: str = "sweep", /, *, out: Path | None = None) -> None:
+    """Write an experiment file to begin with: every field with its meaning, unit, rule and default.
+
+    Examples:
+
+    `pl-mc init --out my.toml` begins with a ramp of biases on one satellite.
+
+    `pl-mc init stanford --out my.toml` begins with the packaged experiment of that name.
+
+    `pl-mc init map` prints one of the kind `map`.
+
+    Parameters
+    ----------
+    which
+        A name that `pl-mc list` shows, or a kind of experiment.
+    out
+        The file to write; standard output unless given. A file that is there is left alone.
+    """
+    from pl_mc.experiments.template import template_for
+
+    text = template_for(which)
+    if out is None:
+        print(text, end="")
+        return
+    if out.suffix != ".toml":
+        raise InputError(f"{out}: the name of an experiment file ends in .toml.")
+    try:
+        # Opened to be made anew alone, so that nobody's file is lost.
+        with out.open("x", encoding="utf-8") as file:
+            file.write(text)
+    except FileExistsError:
+        raise InputError(f"{out}: a file of that name is there; name another one.") from None
+    except OSError as error:
+        raise InputError(f"{out}: the file cannot be written ({(error.strerror or str(error)).lower()}).") from None
+    print(f"Written: {out}; pl-mc check {out} says what it will cost.")
+
+
+def check(
+    experiment: str,
+    /,
+    *,
+    draws: int | None = None,
+    seed: int | None = None,
+    measure: Flag = False,
+    json: Json = False,
+    quiet: Quiet = False,
+) -> int:
+    """Check an experiment without running it: every error at once, and what a run will cost.
+
+    Each error is named with its field, its line in the file, and the nearest valid value. Costs are scenarios,
+    time and memory; time is an estimate from stored rates unless `--measure` is given. The exit code is 0 where
+    the experiment is sound and 2 where it is not.
+
+    Examples: `pl-mc check my.toml`; `pl-mc check ramp --draws 1000000 --measure`
+
+    Parameters
+    ----------
+    experiment
+        A name that `pl-mc list` shows, the path of a TOML file, or the `manifest.json` of an earlier run.
+    draws
+        Noise draws for each fault and epoch, instead of the experiment's.
+    seed
+        Seed of the noise, instead of the experiment's.
+    measure
+        Measure the rate of this machine by a small part of the run, which takes up to a minute.
+    json
+        Print problems and costs as JSON.
+    quiet
+        Print nothing where the experiment is sound.
+    """
+    from dataclasses import asdict
+
+    from pl_mc.experiments.checking import check_experiment
+
+    overrides = {key: value for key, value in (("draws", draws), ("seed", seed)) if value is not None}
+    found = check_experiment(experiment, overrides, measure=measure)
+    if json:
+        content = {
+            "name": found.name,
+            "sound": not found.problems,
+            "problems": [asdict(one) for one in found.problems],
+            "cost": None if found.cost is None else asdict(found.cost),
+        }
+        print_json(content)
+    elif found.problems:
+        print(found.text(), file=sys.stderr)
+    elif not quiet and found.cost is not None and found.experiment is not None:
+        print(f"{found.file}: sound. {found.experiment.title}")
+        print(f"Cost: {found.cost.text()}")
+    return 2 if found.problems else 0

@@ -1,0 +1,68 @@
+"""``pl-mc report``, ``compare``: commands that read results."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+from pl_mc.cli.printing import Json, Quiet, print_json
+
+
+def report(folder: Path, /, *, json: Json = False, quiet: Quiet = False) -> None:
+    """Make the page of a run, `report.html`, again from what its results folder holds.
+
+    Example: `pl-mc report runs/ramp`
+
+    Parameters
+    ----------
+    folder
+        A results folder.
+    json
+        Print folder, files, answer and notes as JSON.
+    quiet
+        Print the path of the page alone.
+    """
+    from pl_mc.cli.printing import result_content
+    from pl_mc.experiments.page import remake_page
+
+    result = remake_page(folder)
+    if json:
+        print_json(result_content(result))
+    elif quiet:
+        print(folder / result.page)
+    else:
+        for sentence in result.answer:
+            print(sentence)
+        print(f"Report: {folder / result.page}")
+
+
+def compare(
+    first: Path, second: Path, /, *, out: Path | None = None, json: Json = False, quiet: Quiet = False
+) -> None:
+    """Lay two runs side by side: what was asked differently, and the difference of every rate with its interval.
+
+    Example: `pl-mc compare runs/ramp runs/mine --out comparison`
+
+    Parameters
+    ----------
+    first
+        A results folder.
+    second
+        Another one; differences are second minus first.
+    out
+        Folder for compare.html and compare.csv; `runs/compare-FIRST-SECOND` unless given. An earlier comparison
+        there is replaced.
+    json
+        Print the comparison as JSON.
+    quiet
+        Print the folder alone.
+    """
+    from pl_mc.experiments.comparing import write_comparison
+
+    made = write_comparison(first, second, out)
+    if json:
+        print_json(made.content())
+    elif quiet:
+        print(made.folder)
+    else:
+        print(made.comparison.text)
+        print(f"Comparison: {made.folder}")

@@ -1,0 +1,206 @@
+"""``pl-mc run``, ``merge``, ``observe``: the commands that make results."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Annotated, Any
+
+from cyclopts import Parameter
+
+from pl_mc.cli.printing import Flag, Json, Quiet, print_result
+from pl_mc.input_errors import InputError
+
+
+def run(
+    experiment: str = "ramp",
+    /,
+    *,
+    out: Path | None = None,
+    draws: int | None = None,
+    seed: int | None = None,
+    resume: Flag = False,
+    fresh: Flag = False,
+    shard: str | None = None,
+    workers: int | None = None,
+    devices: int | None = None,
+    scheduler: str | None = None,
+    progress: bool | None = None,
+    json: Json = False,
+    quiet: Quiet = False,
+) -> None:
+    """Run an experiment and write its tables, figures, summary, page and manifest.
+
+    Finished parts of a sweep are kept beside the results until these are written, so that a run that was stopped,
+    in whatever way, can go on.
+
+    Examples:
+
+    `pl-mc run` runs the packaged experiment `ramp` into `runs/ramp`.
+
+    `pl-mc run my.toml --out results/mine --draws 10000` runs one's own file with fewer draws.
+
+    `pl-mc run results/mine/manifest.json --out again` redoes an earlier run.
+
+    `pl-mc run zhao2021-sweep --resume` goes on with a run that was stopped.
+
+    `pl-mc run ramp --json` ends with the folder, the files and the answer as JSON.
+
+    Parameters
+    ----------
+    experiment
+        A name that `pl-mc list` shows, the path of a TOML file, or the `manifest.json` of an earlier run.
+    out
+        Results folder; `runs/EXPERIMENT` unless given. An earlier result there is replaced.
+    draws
+        Noise draws for each fault and epoch, instead of the experiment's.
+    seed
+        Seed of the noise, instead of the experiment's.
+    resume
+        Go on with an unfinished run of the same experiment.
+    fresh
+        Forget an unfinished run in the same place.
+    shard
+        `2/8` counts the second of eight shares alone, for job arrays; `pl-mc merge` makes the results.
+    workers
+        Threads that compute, or threads of each worker of a scheduler; as many as cores unless given.
+    devices
+        Devices of this machine that share the work, such as GPUs.
+    scheduler
+        A Dask scheduler that gives the parts to its workers, `tcp://host:8786`, or `local` or `local:4` for
+        processes on this machine; needs the extra `pl_mc[dask]`.
+    progress
+        Show a progress bar; unless given, only on a terminal.
+    json
+        Print folder, files, answer and notes as JSON instead of the summary.
+    quiet
+        Print the results folder alone.
+    """
+    from pl_mc.engine import Execution
+    from pl_mc.experiments.loading import load_experiment
+    from pl_mc.experiments.running import run_experiment, run_shard
+
+    overrides = {key: value for key, value in (("draws", draws), ("seed", seed)) if value is not None}
+    name, record = load_experiment(experiment, overrides)
+    share = None if shard is None else _share(shard)
+    execution = Execution(
+        workers=workers, devices=devices, scheduler=scheduler, resume=resume, shard=share,
+        progress=_shown(progress, quiet),
+    )  # fmt: skip
+    if share is None:
+        result = run_experiment(name, record, out, execution=execution, fresh=fresh)
+    else:
+        result = run_shard(name, record, out, execution)
+    print_result(result, as_json=json, quiet=quiet)
+
+
+def merge(
+    folders: Annotated[tuple[Path, ...], Parameter(negative="")],
+    /,
+    *,
+    out: Path,
+    progress: bool | None = None,
+    json: Json = False,
+    quiet: Quiet = False,
+) -> None:
+    """Make the results of a run from the parts that its shares (`pl-mc run --shard`) stored.
+
+    Example: `pl-mc merge day --out runs/day`, after `pl-mc run NAME --shard 1/8 --out day` to `8/8`.
+
+    Parameters
+    ----------
+    folders
+        The folders given to the shares as `--out`; one, if they shared it.
+    out
+        Results folder.
+    progress
+        Show a progress bar; unless given, only on a terminal.
+    json
+        Print folder, files, answer and notes as JSON instead of the summary.
+    quiet
+        Print the results folder alone.
+    """
+    from pl_mc.experiments.merging import merge as merge_shares
+
+    print_result(merge_shares(folders, out, progress=_shown(progress, quiet)), as_json=json, quiet=quiet)
+
+
+def observe(
+    observations: Path,
+    navigation: Path,
+    /,
+    *,
+    truth: str,
+    systems: str = "G,C",
+    fault: Annotated[tuple[str, ...], Parameter(negative="")] = (),
+    mask_deg: float = 10.0,
+    error_model: str = "residual",
+    method: Annotated[tuple[str, ...], Parameter(negative="")] = ("ls", "igg3"),
+    out: Path | None = None,
+    progress: bool | None = None,
+    json: Json = False,
+    quiet: Quiet = False,
+) -> None:
+    """Solve every epoch of a receiver's files with every method: errors, protection levels, alarms.
+
+    Example: `pl-mc observe OBS.rnx.gz NAV.rnx.gz --truth 3582104.9,532590.2,5232755.3 --fault G15:+30m:400-499`
+
+    Parameters
+    ----------
+    observations
+        RINEX 3 observation file, plain, gzipped or Hatanaka-compressed.
+    navigation
+        RINEX 3 navigation file with broadcast ephemerides of that day.
+    truth
+        The true position: `X,Y,Z` Earth-fixed [m], or a CSV file with a track.
+    systems
+        Systems to use, RINEX letters: `G,C`, `G` or `C`.
+    fault
+        A fault to inject, `G02:+30m:545-645`: satellite, bias, first and last epoch counted from 0; repeatable.
+    mask_deg
+        Elevation mask [deg].
+    error_model
+        Standard deviations: residual, none or uire; `user` needs an experiment file.
+    method
+        A method; repeatable.
+    out
+        Results folder; `runs/observe-NAME` unless given. An earlier result there is replaced.
+    progress
+        Show a progress bar; unless given, only on a terminal.
+    json
+        Print folder, files, answer and notes as JSON instead of the summary.
+    quiet
+        Print the results folder alone.
+    """
+    from pl_mc.engine import Execution
+    from pl_mc.experiments.loading import build_experiment
+    from pl_mc.experiments.running import run_experiment
+
+    station = observations.name.split(".")[0]
+    content: dict[str, Any] = {
+        "kind": "observe",
+        "title": f"{station}: position errors and protection levels",
+        "observations": observations,
+        "navigation": navigation,
+        "truth": truth,
+        "systems": tuple(letter.strip() for letter in systems.split(",")),
+        "mask_deg": mask_deg,
+        "error_model": error_model,
+        "faults": fault,
+        "methods": [{"name": name} for name in method],
+    }
+    record = build_experiment(content, source="observe")
+    execution = Execution(progress=_shown(progress, quiet))
+    result = run_experiment(f"observe-{station}", record, out, execution=execution)
+    print_result(result, as_json=json, quiet=quiet)
+
+
+def _shown(progress: bool | None, quiet: bool) -> bool | None:
+    """No bar for a quiet command unless it is asked for."""
+    return False if progress is None and quiet else progress
+
+
+def _share(text: str) -> tuple[int, int]:
+    index, slash, count = text.partition("/")
+    if not (slash and index.strip().isdigit() and count.strip().isdigit()):
+        raise InputError(f"shard: i/n is needed, such as 2/8, not {text!r}.")
+    return int(index), int(count)

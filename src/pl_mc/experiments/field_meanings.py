@@ -1,0 +1,211 @@
+"""What the fields of experiment files mean, in the words of their records.
+
+A field's description comes from its record: ``Field(description=...)``, or its line under ``Attributes:`` of the
+record's docstring or of a parent's. Fields that many records share, or whose record says nothing, are described
+here.
+"""
+
+from __future__ import annotations
+
+import inspect
+import re
+import types
+import typing
+from typing import Any, Literal
+
+from pydantic import BaseModel
+from pydantic.fields import FieldInfo
+
+SHARED: dict[str, str] = {
+    "kind": "what sort of experiment this is",
+    "title": "heading of the summary, the figures and the page",
+    "methods": "methods to compare, each a table with a name and options of its own",
+    "tests": "tests to compare, each a table with a name and options of its own",
+    "name": "its name",
+    "alert": "alert limits: APV-I (vertical 50 m), LPV-200 (35 m) or APV-II (20 m)",
+    "seed": "chooses the noise; the same seed gives the same counts",
+    "precision": "precision of the computation",
+    "draws": "noise draws for each fault at each epoch",
+    "draws_per_satellite": "noise draws for each bias on every satellite",
+    "geometry": "the satellites in view",
+    "faults": "which satellites are biased, by how much",
+    "source": "where the series of epochs comes from: a site, a flight or a receiver's files",
+    "site": "a named place, such as CUT0 or JFNG, or Earth-fixed X,Y,Z in metres",
+    "start": "GPS time of the first epoch",
+    "epochs": "number of epochs",
+    "interval_s": "time between epochs",
+    "mask_deg": "elevation mask",
+    "constellations": "nominal constellations: GPS, BDS-2, BDS-3, Galileo",
+    "without": "satellites that are switched off, by name",
+    "error_model": "standard deviations of the pseudoranges: residual, none, uire, user or constant",
+    "error_options": "options of the error model, as an inline table",
+    "epoch": "one epoch of the series, counted from 0; leave out for all of them",
+    "banked_mask": "whether satellites below the mask of the banked aircraft are hidden too",
+    "observations": "RINEX 3 observation file, plain, gzipped or Hatanaka-compressed",
+    "navigation": "RINEX 3 navigation file with broadcast ephemerides of that day",
+    "truth": "the true position, Earth-fixed X,Y,Z in metres, or a CSV file with a track",
+    "systems": "systems to use, RINEX letters: G (GPS), C (BeiDou)",
+    "satellite": "name of the biased satellite",
+    "otherwise": "what stands in for a satellite that is out of view: the one of its system with the median "
+    "redundancy number",
+    "biases": "faults one by one, each a table of biases by satellite; an empty table is the fault-free case",
+    "start_m": "first bias",
+    "stop_m": "last bias",
+    "step_m": "step from bias to bias",
+    "method": "the method's name",
+    "event": "the event that counts",
+    "p_sat": "prior probability of a satellite fault, one for all or by satellite",
+    "p_const": "prior probability of a constellation fault, one for all or by constellation",
+    "noise": "model of the noise, a table with a name and options of its own",
+    "noises": "models of the noise to compare, the first of them gaussian, each a table with a name and options",
+    "rare": "what is left to the rare-event estimator",
+    "exposure": "exposures to errors that are correlated in time",
+    "constellation": "whether the biases of a faulty constellation are independent or common",
+    "pairs": "pairs of satellites that are computed, the most likely ones first, or all; the rest is bounded by "
+    "its prior",
+    "samples_per_approach": "independent samples of the noise in one approach",
+    "target": "risk that is allowed per approach",
+    "target_cov": "relative standard error at which an estimate stops",
+    "max_evaluations": "evaluations at which an estimate stops at the latest",
+    "readings": "the readings, each with what it changes of the base",
+    "variants": "the variants, each with what differs from the default",
+    "budgets": "risk budgets over the fault modes",
+    "compare": "the paper's experiment that the results stand beside",
+    "redraws": "further draws of satellites, sizes and noise",
+    "remarks": "sentences about the choices of the file, for the notes",
+}
+
+# What a record says in passing, where the reader has the rest of it in view; alone it would say too little.
+ALONE: dict[tuple[str, str], str] = {
+    ("BudgetChoice", "sizes_m"): "bias sizes at which a method is estimated, instead of the worst one",
+    ("FaultChoice", "sizes_m"): "biases, one at a time, besides the fault-free case",
+    ("RareChoice", "event"): "the event that is estimated",
+    ("RareChoice", "fewest_events"): "number of counted events below which it is estimated",
+    ("RareChoice", "sizes_m"): "biases under which it is estimated, 0 for no fault",
+    ("RareChoice", "target_cov"): SHARED["target_cov"],
+    ("RareChoice", "max_evaluations"): SHARED["max_evaluations"],
+    ("ExposureChoice", "sizes_m"): "biases, 0 for no fault",
+    ("ExposureChoice", "duration_s"): "length of an exposure",
+    ("ExposureChoice", "interval_s"): "time between the samples of an exposure",
+    ("ExposureChoice", "draws"): "number of exposures",
+    ("ExposureChoice", "event"): "the event that is counted",
+    ("CurveChoice", "target_cov"): SHARED["target_cov"],
+    ("CurveChoice", "max_evaluations"): SHARED["max_evaluations"],
+    ("WorstChoice", "events"): "events for which the worst fault is computed by least squares",
+    (
+        "WorstChoice",
+        "estimated",
+    ): 'satellites whose worst fault is estimated for the other methods; ["all"] for every one in view',
+    ("WorstChoice", "estimated_events"): "events for which that is done",
+    ("WorstChoice", "target_cov"): SHARED["target_cov"],
+    ("WorstChoice", "max_evaluations"): SHARED["max_evaluations"],
+    ("CalibrationChoice", "event"): "the event whose probability is kept",
+    ("CalibrationChoice", "fewest_draws"): "draws of the counting, at the least",
+    (
+        "CalibrationChoice",
+        "most_draws",
+    ): "draws of the counting, at the most; a target that needs more is left to the rare-event estimator",
+    ("CalibrationChoice", "draws_per_event"): "a target is counted with this number over it as draws, within the "
+    "limits below",
+    (
+        "CalibrationChoice",
+        "rare_faults",
+    ): "how many of the faults, from the first, get targets that cannot be counted",
+    ("CalibrationChoice", "confidence"): "confidence of the bounds of a multiplier that is counted or estimated",
+    ("CalibrationChoice", "target_cov"): SHARED["target_cov"],
+    ("CalibrationChoice", "max_evaluations"): SHARED["max_evaluations"],
+    ("CalibrationChoice", "alarm_satellite"): "satellite of the ramp under which alarms at equal risk are compared",
+    ("CalibrationChoice", "alarm_biases_m"): "biases of that ramp",
+    ("RiskExperiment", "geometry"): "the satellites in view, at one epoch",
+    ("RiskExperiment", "curves"): "risk against the bias",
+    ("RiskExperiment", "worst"): "the worst fault of every satellite",
+    ("RiskExperiment", "budgets"): SHARED["budgets"],
+    ("RiskExperiment", "calibration"): "the multiplier that keeps a target",
+    ("VariantsExperiment", "draws"): "noise draws for each fault",
+    ("VariantsExperiment", "weight_draws"): "draws, of those, whose weights are looked at",
+    (
+        "Igg3",
+        "scale",
+    ): "scale of the standardised residuals: posterior_floored, apriori, posterior, mad or mad_floored",
+    ("Igg3", "start"): "first solution: ls, or huber for five solutions with Huber's weights",
+    ("GatedIgg3", "start"): "first solution: ls, or huber for five solutions with Huber's weights",
+}
+
+_UNITS = (("_m", "m"), ("_s", "s"), ("_deg", "deg"))
+_ENTRY = re.compile(r"^(?P<names>[a-z_0-9]+(?:, [a-z_0-9]+)*): (?P<text>.*)$")
+
+
+def meaning(record: type, field: str) -> str:
+    """What a field means, without a full stop; empty where nobody says."""
+    info = getattr(record, "model_fields", {}).get(field)
+    said = info.description if isinstance(info, FieldInfo) and info.description else None
+    alone = next((ALONE[key] for owner in record.__mro__ if (key := (owner.__name__, field)) in ALONE), None)
+    text = said or alone or _from_docstrings(record, field) or SHARED.get(field, "")
+    unit = next((unit for ending, unit in _UNITS if field.endswith(ending)), None)
+    if text and unit and f"[{unit}" not in text and f" {unit}" not in text:
+        text = f"{text} [{unit}]"
+    return text
+
+
+def meanings_of(record: BaseModel, prefix: str = "") -> dict[str, str]:
+    """Meanings of all fields of a record and the records in it, by their path, ``geometry.epochs``."""
+    found: dict[str, str] = {}
+    for field in type(record).model_fields:
+        path = f"{prefix}{field}"
+        value = getattr(record, field)
+        inner = value if isinstance(value, tuple) else (value,)
+        records = [one for one in inner if isinstance(one, BaseModel)]
+        for k, one in enumerate(records):
+            found |= meanings_of(one, f"{path}.{k}." if isinstance(value, tuple) else f"{path}.")
+        if not records:
+            found[path] = meaning(type(record), field)
+    return found
+
+
+def rule(info: FieldInfo) -> str:
+    """What values a field may have, in words; empty where any of its type will do."""
+    parts = []
+    choices = [str(one) for one in _choices(info.annotation)]
+    if len(choices) > 1:
+        parts.append(f"{', '.join(choices[:-1])} or {choices[-1]}")
+    for name, words in (("ge", "at least"), ("gt", "more than"), ("le", "at most"), ("lt", "less than")):
+        bound = next((b for one in info.metadata if (b := getattr(one, name, None)) is not None), None)
+        if bound is not None:
+            parts.append(f"{words} {bound:,}" if isinstance(bound, int) else f"{words} {bound:g}")
+    return ", ".join(parts)
+
+
+def _choices(annotation: Any) -> tuple[Any, ...]:
+    if typing.get_origin(annotation) is Literal:
+        return typing.get_args(annotation)
+    if typing.get_origin(annotation) in (typing.Union, types.UnionType):
+        parts = [part for part in typing.get_args(annotation) if part is not type(None)]
+        return _choices(parts[0]) if len(parts) == 1 else ()
+    return ()
+
+
+def _from_docstrings(record: type, field: str) -> str:
+    for owner in record.__mro__:
+        entries = _attributes(owner.__dict__.get("__doc__") or "")
+        if field in entries:
+            return entries[field]
+    return ""
+
+
+def _attributes(docstring: str) -> dict[str, str]:
+    """The lines under ``Attributes:`` by field; continued lines are joined, marks of code left out."""
+    lines = inspect.cleandoc(docstring).splitlines()
+    if "Attributes:" not in lines:
+        return {}
+    found: dict[str, str] = {}
+    names: list[str] = []
+    for line in lines[lines.index("Attributes:") + 1 :]:
+        if line and not line.startswith(" "):
+            break
+        entry = _ENTRY.match(line[4:]) if not line.startswith("     ") else None
+        if entry:
+            names = entry["names"].split(", ")
+        text = entry["text"] if entry else line.strip()
+        for name in names:
+            found[name] = f"{found.get(name, '')} {text}".strip()
+    return {name: text.replace("`", "").rstrip(".") for name, text in found.items()}

@@ -1,0 +1,126 @@
+"""Biased nominal errors: Gaussian noise about a bias that each satellite has without being faulty.
+
+Integrity concepts bound such biases, which come from antennas, signal deformation and models, by b_nom and let them
+add up as badly as they can (Blanch et al. 2015, IEEE Transactions on Aerospace and Electronic Systems 51:713-732).
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import jax.numpy as jnp
+import numpy as np
+from jax import Array
+from jax.scipy.special import ndtr
+
+from pl_mc.geometry.record import UP, Geometry
+from pl_mc.input_errors import InputError, require_choice, require_number
+from pl_mc.kernels import LinearModel
+from pl_mc.kernels.linear_model import per_lane
+from pl_mc.noise_models.base import make_floats, name_with_all_options
+from pl_mc.noise_models.quantile_map import log_normal_upper
+
+SIGNS = ("up", "down", "random", "given")
+
+# Up to two sigma the root is found to rounding, up to three to 1e-5 of a sigma of the noise; beyond that the way to
+# it is longer than this, and a bias is no longer one that anybody would call nominal.
+_STEPS = 7
+_LARGEST_RANDOM = 3.0
+# Half of the peak of the standard normal density.
+_HALF_PEAK = 0.5 / math.sqrt(2.0 * math.pi)
+
+
+@dataclass(frozen=True)
+class NominalBias:
+    """A bias on every satellite.
+
+    Attributes:
+        bias_m: its size, the same for all satellites; or one for each satellite of a single epoch, in order [m].
+        sign: ``up``, on every satellite the sign with which least squares moves up (all together the worst that
+            biases of these sizes can do to its vertical error); ``down``, all the other way; ``random``, each
+            satellite's own in every draw (at most three sigma); ``given``, as ``bias_m`` has it, the same in every
+            draw. The first three take sizes that are not negative.
+    """
+
+    bias_m: float | tuple[float, ...] = 0.5
+    sign: str = "up"
+
+    def __post_init__(self) -> None:
+        require_choice(self.sign, SIGNS, field="nominal_bias: sign")
+        sizes = self.bias_m if isinstance(self.bias_m, tuple) else (self.bias_m,)
+        for size in sizes:
+            if require_number(size, field="nominal_bias: bias_m") < 0 and self.sign != "given":
+                raise InputError(
+                    f"nominal_bias: bias_m: a size of at least 0 is needed, not {size!r}; with sign 'given' either "
+                    "sign will do."
+                )
+        if not sizes:
+            raise InputError("nominal_bias: bias_m: one number, or one for each satellite, is needed.")
+        if isinstance(self.bias_m, tuple):
+            object.__setattr__(self, "bias_m", tuple(float(size) for size in sizes))
+        else:
+            make_floats(self, "bias_m")
+
+    @property
+    def name(self) -> str:
+        return name_with_all_options("nominal_bias", self)
+
+    @property
+    def inputs_per_row(self) -> int:
+        return 1
+
+    @property
+    def shifts_only(self) -> bool:
+        return self.sign != "random"
+
+    def require_geometry(self, g: Geometry) -> None:
+        if isinstance(self.bias_m, tuple) and (g.is_series or len(self.bias_m) != len(g.names)):
+            has = "a series of epochs" if g.is_series else f"{len(g.names)} satellites"
+            raise InputError(
+                f"nominal_bias: bias_m: one number, or one for each satellite of a single epoch, is needed; there "
+                f"are {len(self.bias_m)} numbers, and the geometry has {has}."
+            )
+        ratio = float(np.max(np.where(g.in_view, np.asarray(self.bias_m) / g.sigma_m, 0.0)))
+        if self.sign == "random" and ratio > _LARGEST_RANDOM:
+            raise InputError(
+                f"nominal_bias: bias_m: with sign 'random' at most {_LARGEST_RANDOM:g} sigma of every satellite is "
+                f"needed, not {ratio:.3g}."
+            )
+
+    def shape(self, model: LinearModel, units: Sequence[Array]) -> Array:
+        size = jnp.asarray(self.bias_m, model.weight_root.dtype) * model.weight_root
+        if self.sign == "random":
+            return _either_sign(units[0], per_lane(size, units[0]))
+        if self.sign != "given":
+            upward = jnp.where(model.gain[UP] < 0, -1.0, 1.0).astype(size.dtype)
+            size = size * upward if self.sign == "up" else -size * upward
+        return units[0] + per_lane(size, units[0])
+
+
+def _either_sign(unit: Array, size: Array) -> Array:
+    """Quantile of N(size, 1) or N(-size, 1), either with probability 1/2, at the probability of ``unit``.
+
+    A sign drawn apart would be a jump, and every pattern of signs an island for samplers of rare events; this rises
+    with the one number smoothly. The root lies between ``unit`` and ``unit + size`` on the positive side, and is
+    found by Newton's steps on the logarithm of the tail, which is close to straight; where a step leaves what is
+    left of the interval, by halving it.
+    """
+    z = jnp.abs(unit)
+    wanted = log_normal_upper(z)
+    low, high = z, z + size
+    x = jnp.minimum(z * jnp.sqrt(1.0 + size * size), high)
+    for _ in range(_STEPS):
+        tail = 0.5 * (ndtr(size - x) + ndtr(-size - x))
+        sound = tail > 0
+        safe = jnp.where(sound, tail, 1.0)
+        # Far out the tail vanishes, and x is too large.
+        excess = jnp.where(sound, jnp.log(safe), -jnp.inf) - wanted
+        low, high = jnp.where(excess > 0, x, low), jnp.where(excess > 0, high, x)
+        density = (jnp.exp(-0.5 * (x - size) ** 2) + jnp.exp(-0.5 * (x + size) ** 2)) * _HALF_PEAK
+        steep = sound & (density > 0)
+        further = x + jnp.where(steep, excess * safe / jnp.where(steep, density, 1.0), jnp.inf)
+        inside = (further >= low) & (further <= high)
+        x = jnp.where(inside, further, 0.5 * (low + high))
+    return jnp.where(unit < 0, -x, x)

@@ -1,0 +1,44 @@
+"""Noise models by name, as experiment files and the command line call them."""
+
+from __future__ import annotations
+
+from collections.abc import Hashable
+from typing import Any
+
+from pl_mc.input_errors import InputError
+from pl_mc.named import build_named
+from pl_mc.noise_models.base import NoiseModel
+from pl_mc.noise_models.gauss_markov import GaussMarkov
+from pl_mc.noise_models.gaussian import Gaussian
+from pl_mc.noise_models.gaussian_mixture import GaussianMixture
+from pl_mc.noise_models.multipath import Multipath
+from pl_mc.noise_models.nominal_bias import NominalBias
+from pl_mc.noise_models.student_t import StudentT
+
+NOISE_MODELS: dict[str, type] = {
+    "gaussian": Gaussian,
+    "student_t": StudentT,
+    "gaussian_mixture": GaussianMixture,
+    "multipath": Multipath,
+    "nominal_bias": NominalBias,
+}
+
+
+def noise_model(name: str, **options: Any) -> NoiseModel:
+    """A noise model by name with its options; an `InputError` names what is unknown and the nearest choice."""
+    return build_named(name, NOISE_MODELS, options, what="noise")
+
+
+def as_noise_model(noise: str | NoiseModel) -> NoiseModel:
+    """A name or a record, made a record; an `InputError` for strangers."""
+    if isinstance(noise, str):
+        return noise_model(noise)
+    if isinstance(noise, GaussMarkov):
+        raise InputError(
+            "noise: errors correlated in time are Gaussian at every epoch, so that no rate per epoch changes; "
+            "pl_mc.exposure counts what does."
+        )
+    # A compiled function is found again by its records, so they have to be hashable.
+    if isinstance(noise, type) or not isinstance(noise, NoiseModel) or not isinstance(noise, Hashable):
+        raise InputError(f"noise: {noise!r} is no noise model (valid names: {', '.join(NOISE_MODELS)}).")
+    return noise

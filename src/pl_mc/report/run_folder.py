@@ -1,0 +1,138 @@
+"""A results folder read back: its manifest, summary, tables and figures, whatever the kind of experiment."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Mapping
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import pandas as pd
+
+from pl_mc.alert import BY_NAME, LPV_200, AlertLimits
+from pl_mc.input_errors import InputError, nearest
+
+MANIFEST = "manifest.json"
+SUMMARY = "summary.md"
+
+
+@dataclass(frozen=True)
+class RunFolder:
+    """What a finished run left.
+
+    Attributes:
+        folder: where it is.
+        name: name of the experiment.
+        experiment: its fields, as the manifest records them.
+        manifest: the whole manifest.
+        summary: text of ``summary.md``.
+        tables: the CSV tables by file name without ending.
+        figures: names of figures without ending, in alphabetical order.
+    """
+
+    folder: Path
+    name: str
+    experiment: Mapping[str, Any]
+    manifest: Mapping[str, Any]
+    summary: str
+    tables: Mapping[str, pd.DataFrame]
+    figures: tuple[str, ...]
+
+    @property
+    def kind(self) -> str:
+        """The kind of experiment."""
+        return str(self.experiment.get("kind", ""))
+
+    @property
+    def title(self) -> str:
+        """The experiment's title."""
+        return str(self.experiment.get("title", self.name))
+
+    @property
+    def notes(self) -> tuple[str, ...]:
+        """Sentences about what was left out or chosen."""
+        return tuple(str(note) for note in self.manifest.get("notes", ()))
+
+    @property
+    def alert(self) -> AlertLimits:
+        """The alert limits."""
+        return BY_NAME.get(str(self.experiment.get("alert")), LPV_200)
+
+
+def read_run_folder(folder: Path) -> RunFolder:
+    """The results in a folder.
+
+    Raises:
+        InputError: no such folder, or one that holds no finished run, or files in it that cannot be read.
+    """
+    folder = Path(folder)
+    path = folder / MANIFEST
+    if not folder.is_dir():
+        known = [one.name for one in folder.parent.iterdir()] if folder.parent.is_dir() else []
+        raise InputError(f"{folder}: there is no such results folder ({nearest(folder.name, known)}).")
+    try:
+        manifest = json.loads(path.read_text(encoding="utf-8"))
+        name, experiment = str(manifest["name"]), dict(manifest["experiment"])
+    except OSError:
+        raise InputError(f"{folder}: it holds no finished run ({MANIFEST} is not there).") from None
+    except (ValueError, KeyError, TypeError):
+        raise InputError(f"{path}: it is no manifest of a run.") from None
+    summary = folder / SUMMARY
+    try:
+        text = summary.read_text(encoding="utf-8") if summary.is_file() else ""
+        tables = {file.stem: _table(file) for file in sorted(folder.glob("*.csv"))}
+    except (OSError, UnicodeDecodeError) as error:
+        raise InputError(f"{folder}: its files cannot be read ({error}).") from None
+    figures = {file.stem for ending in ("*.png", "*.svg") for file in folder.glob(ending)}
+    return RunFolder(
+        folder=folder,
+        name=name,
+        experiment=experiment,
+        manifest=manifest,
+        summary=text,
+        tables=tables,
+        figures=tuple(sorted(figures)),
+    )
+
+
+def flat_fields(content: Any, prefix: str = "") -> dict[str, Any]:
+    """Leaves of nested tables and lists by their path: ``geometry.epochs``, ``faults.biases.0.G02``.
+
+    Lists of plain values stay whole.
+    """
+    if isinstance(content, Mapping):
+        items = [(str(key), value) for key, value in content.items()]
+    elif isinstance(content, list | tuple) and any(isinstance(one, Mapping | list | tuple) for one in content):
+        items = [(str(k), value) for k, value in enumerate(content)]
+    else:
+        return {prefix: content}
+    leaves: dict[str, Any] = {}
+    for key, value in items:
+        leaves |= flat_fields(value, f"{prefix}.{key}" if prefix else key)
+    return leaves
+
+
+def value_text(value: Any) -> str:
+    """A field's value as an experiment file would say it."""
+    if value is None:
+        return "not given"
+    if isinstance(value, str):
+        return value
+    if isinstance(value, bool):
+        return "true" if value else "false"
+    if isinstance(value, list | tuple):
+        return ", ".join(value_text(one) for one in value) or "none"
+    if isinstance(value, Mapping):
+        return ", ".join(f"{key} = {value_text(one)}" for key, one in value.items()) or "none"
+    if isinstance(value, int) and abs(value) >= 10_000:
+        return f"{value:,}"
+    return f"{value:g}" if isinstance(value, float) else str(value)
+
+
+def _table(file: Path) -> pd.DataFrame:
+    try:
+        # A fault's label "none" is a word, not a missing number.
+        return pd.read_csv(file, keep_default_na=False, na_values=[""])
+    except (ValueError, pd.errors.ParserError) as error:
+        raise InputError(f"{file}: it is no table ({' '.join(str(error).split())}).") from None

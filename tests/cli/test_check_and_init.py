@@ -1,0 +1,239 @@
+"""``pl-mc check`` and ``init``: every error at once with its line, costs, and files that begin an experiment."""
+
+from __future__ import annotations
+
+import json
+import tomllib
+from pathlib import Path
+from typing import Any
+
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from pl_mc.cli.main import main
+from pl_mc.experiments.checking import check_experiment, field_lines
+from pl_mc.experiments.cost import cost_of
+from pl_mc.experiments.field_meanings import meaning, meanings_of
+from pl_mc.experiments.loading import build_experiment, experiment_files, load_experiment
+from pl_mc.experiments.registry import KINDS
+from pl_mc.experiments.template import template, template_for
+
+WRONG = """kind = "sweep"
+title = "Wrong in many ways"
+drows = 300
+alert = "LPV200"
+methods = [{name = "ls"}, {name = "igg3", k1 = 1.0}, {name = "ig3"}]
+
+[geometry]
+epochs = 4
+site = "CUTO"
+mask_deg = 95
+constellations = [
+  "GPSS",   # no [such] = thing
+]
+error_model = "residuals"
+
+[faults]
+satellite = "G07"
+start_m = 10
+stop_m = 40
+step_m = -15
+"""
+
+FOUND = [
+    ("draws", None, "field required"),
+    ("drows", 3, "nearest: draws"),
+    ("alert", 4, "nearest: LPV-200"),
+    ("methods.1", 5, "k0 < k1"),
+    ("methods.2", 5, "nearest: igg3"),
+    ("geometry.site", 9, "nearest: CUT0"),
+    ("geometry.mask_deg", 10, "less than 90"),
+    ("geometry.constellations", 11, "nearest: GPS"),
+    ("geometry.error_model", 14, "nearest: residual"),
+    ("faults", 16, "the step has to lead from the start to the stop"),
+]
+
+
+def checked(arguments: list[str], capsys: pytest.CaptureFixture[str]) -> tuple[int, str, str]:
+    """Exit code, standard output and standard error of a command."""
+    capsys.readouterr()
+    code = 0
+    try:
+        main(arguments)
+    except SystemExit as stop:
+        code = int(stop.code or 0)
+    out, err = capsys.readouterr()
+    return code, out, err
+
+
+def test_every_error_is_named_at_once_with_its_line(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    file = tmp_path / "wrong.toml"
+    file.write_text(WRONG)
+    problems = check_experiment(str(file)).problems
+    assert [(one.field, one.line) for one in problems] == [(field, line) for field, line, _ in FOUND]
+    for one, (_, _, words) in zip(problems, FOUND, strict=True):
+        assert words in one.reason
+    code, out, err = checked(["check", str(file)], capsys)
+    assert (code, out) == (2, "")
+    lines = err.splitlines()
+    assert len(lines) == len(FOUND)
+    assert lines[1].startswith("wrong.toml:3: drows: ")
+    assert "Traceback" not in err
+    code, out, err = checked(["check", str(file), "--json"], capsys)
+    assert (code, err) == (2, "")
+    assert [one["line"] for one in json.loads(out)["problems"]] == [line for _, line, _ in FOUND]
+
+
+@pytest.mark.parametrize(
+    ("change", "field", "words"),
+    [
+        (("satellite = \"G07\"", "satellite = \"G99\""), "faults", "G99"),
+        (("epochs = 4", "epochs = 4\nepoch = 9"), "geometry", "0 to 3"),
+        (('kind = "sweep"', 'kind = "sweap"'), "kind", "nearest: sweep"),
+        (('name = "igg3"', 'name = "igg3", scale = 3'), "methods.1", "scale"),
+        (('{name = "igg3"}', '{name = "ls"}'), "methods.1", "asked for twice"),
+        (('[geometry]', 'noise = {name = "gausian"}\n[geometry]'), "noise", "nearest: gaussian"),
+    ],
+)  # fmt: skip
+def test_what_a_record_cannot_tell_alone_is_found_too(
+    tmp_path: Path, change: tuple[str, str], field: str, words: str
+) -> None:
+    sound = {
+        "drows": "draws", "LPV200": "LPV-200", ", k1 = 1.0": "", ', {name = "ig3"}': "", "CUTO": "CUT0",
+        "95": "5", "GPSS": "GPS", "residuals": "residual", "-15": "15",
+    }  # fmt: skip
+    text = WRONG
+    for old, new in sound.items():
+        text = text.replace(old, new)
+    file = tmp_path / "small.toml"
+    file.write_text(text)
+    assert check_experiment(str(file)).problems == ()
+    assert change[0] in text
+    file.write_text(text.replace(*change))
+    (problem,) = check_experiment(str(file)).problems
+    assert problem.field == field
+    assert words in problem.reason
+
+
+def test_the_cost_counts_scenarios_and_says_how_time_was_found(capsys: pytest.CaptureFixture[str]) -> None:
+    code, out, err = checked(["check", "ramp", "--draws", "1000"], capsys)
+    assert (code, err) == (0, "")
+    # 20 biases x 1,000 draws x 2 methods.
+    assert "40,000 scenarios over all methods" in out
+    assert "measured on two cores" in out
+    assert checked(["check", "ramp", "--draws", "1000", "--quiet"], capsys) == (0, "", "")
+    few, many = (cost_of(load_experiment("ramp", {"draws": draws})[1]) for draws in (1_000, 100_000_000))
+    assert few.seconds is not None
+    assert many.seconds is not None
+    # 4e9 scenarios against 4e4: what remains is the work, not the start.
+    assert many.seconds > 100 * few.seconds
+    single = cost_of(load_experiment("ramp", {"draws": 100_000_000, "precision": "float32"})[1])
+    assert single.seconds is not None
+    assert single.seconds < many.seconds
+
+
+def test_a_measured_cost_is_of_this_machine() -> None:
+    record = build_experiment(
+        tomllib.loads(template_for("sweep")) | {"draws": 256, "methods": [{"name": "ls"}]}, source="t"
+    )
+    cost = cost_of(record, measure=True)
+    assert cost.scenarios == 20 * 256
+    assert cost.seconds is not None
+    assert cost.seconds > 0
+    assert "measured here" in cost.text()
+
+
+@pytest.mark.parametrize("name", sorted(experiment_files()))
+def test_a_template_is_read_back_as_the_same_experiment(name: str) -> None:
+    record = load_experiment(name)[1]
+    text = template(record)
+    assert build_experiment(tomllib.loads(text), source=name) == record
+    # Every field is explained, those of the first of several like tables at least.
+    lines, found = text.splitlines(), field_lines(text)
+    for field in meanings_of(record):
+        index = next((part for part in field.split(".") if part.isdigit()), "0")
+        if field in found and index == "0":
+            assert lines[found[field] - 2].startswith("#"), field
+
+
+@pytest.mark.parametrize("kind", sorted(KINDS))
+def test_every_field_of_every_kind_has_a_meaning(kind: str) -> None:
+    """A field gets one by ``Field(description=...)``, by its record's docstring, or in `field_meanings`."""
+    missing = [field for field in KINDS[kind].model.model_fields if not meaning(KINDS[kind].model, field)]
+    assert missing == []
+    for name in experiment_files():
+        record = load_experiment(name)[1]
+        if record.kind == kind:  # type: ignore[attr-defined]
+            # Keys of free tables are the user's own words.
+            assert [path for path, text in meanings_of(record).items() if not text] == []
+
+
+def test_init_writes_what_check_and_run_accept(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    code, out, _ = checked(["init", "--out", "my.toml"], capsys)
+    assert code == 0
+    assert "my.toml" in out
+    text = (tmp_path / "my.toml").read_text()
+    assert "# Time between epochs [s]. [more than 0; default: 30.0]\ninterval_s = 30.0" in text
+    assert "# k1 = 5.0" in text
+    assert checked(["check", "my.toml"], capsys)[0] == 0
+    # A file of the user's is never overwritten.
+    code, _, err = checked(["init", "stanford", "--out", "my.toml"], capsys)
+    assert code == 2
+    assert "a file of that name is there" in err
+    assert (tmp_path / "my.toml").read_text() == text
+    code, out, _ = checked(["init", "map"], capsys)
+    assert code == 0
+    assert tomllib.loads(out)["kind"] == "map"
+    code, _, err = checked(["init", "mapp"], capsys)
+    assert code == 2
+    assert "nearest: map" in err
+    code, _, err = checked(["init", "--out", "nowhere/my.toml"], capsys)
+    assert code == 2
+    assert "cannot be written" in err
+    assert [path.name for path in tmp_path.iterdir()] == ["my.toml"]
+
+
+def test_a_file_of_ones_own_is_needed_to_observe(tmp_path: Path) -> None:
+    file = tmp_path / "own.toml"
+    file.write_text(template_for("observe"))
+    assert [one.field for one in check_experiment(str(file)).problems] == ["observations", "navigation"]
+
+
+keys = st.text("abcdef_", min_size=1, max_size=4)
+plain = st.integers(0, 9) | st.text("xy#[]= ", max_size=5) | st.lists(st.integers(0, 9), max_size=3)
+
+
+@given(
+    st.dictionaries(keys, plain, max_size=4),
+    st.dictionaries(keys, st.dictionaries(keys, plain, max_size=3), max_size=3),
+)
+def test_lines_of_fields_are_where_they_are(fields: dict[str, Any], tables: dict[str, dict[str, Any]]) -> None:
+    """Written line by line, some lists over several lines: each field is found on the line on which it was put."""
+    lines: list[str] = []
+    expected: dict[str, int] = {}
+
+    def put(path: str, key: str, value: Any) -> None:
+        expected[path] = len(lines) + 1
+        text = json.dumps(value)
+        lines.extend(
+            [f"{key} = [ # open [", *(f"  {one}," for one in value), "]"]
+            if isinstance(value, list)
+            else [f"{key} = {text}"]
+        )
+
+    for key, value in fields.items():
+        put(key, key, value)
+    for name, table in tables.items():
+        if name in fields:
+            continue
+        lines.append(f"[{name}]")
+        expected[name] = len(lines)
+        for key, value in table.items():
+            put(f"{name}.{key}", key, value)
+    text = "\n".join(lines)
+    assert set(tomllib.loads(text)) == {path.split(".")[0] for path in expected}
+    assert field_lines(text) == expected

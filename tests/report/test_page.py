@@ -1,0 +1,203 @@
+"""``report.html`` as text: complete in itself, small, with the numbers of the tables and nothing that breaks "
+"out."""
+
+from __future__ import annotations
+
+import json
+import re
+from pathlib import Path
+
+import numpy as np
+import pandas as pd
+import pytest
+from PIL import Image
+from stored_runs import counts, store_run
+
+from pl_mc.experiments.page import remake_page
+from pl_mc.experiments.registry import KINDS
+from pl_mc.input_errors import InputError
+from pl_mc.report.answers import ANSWERS, QUESTIONS, answer_of, quoted
+from pl_mc.report.charts import charts_of
+from pl_mc.report.page import MOST_BYTES, report_page, write_report
+from pl_mc.report.page_figures import caption_of, page_figures
+from pl_mc.report.run_folder import RunFolder, flat_fields, read_run_folder
+
+RESULTS = Path(__file__).parents[2] / "results"
+STORED = sorted(path.parent for path in RESULTS.glob("*/manifest.json"))
+OUTSIDE = re.compile(r"""(?:src|href)\s*=\s*["'](?!data:|#)([^"']*)|url\(|@import|fetch\(|XMLHttpRequest""")
+
+
+def page_of(run: RunFolder) -> str:
+    return report_page(run, meanings={}, shown_as=run.folder)
+
+
+def test_a_page_has_its_parts_and_refers_to_nothing_outside(small_run: Path) -> None:
+    text = write_report(small_run, meanings={"draws": "noise draws for each fault"}).read_text()
+    for part in ("What was asked", "The answer", "Charts", "Figures", "Tables", "Choices", "How to redo it"):
+        assert f"<h2>{part}</h2>" in text
+    # Links to the files beside it are the only ones; nothing is loaded.
+    outside = {match[1] for match in OUTSIDE.finditer(text)}
+    assert outside <= {"rates.csv", "rates.png", "rates.svg"}
+    assert "http" not in re.sub(r'http-equiv|"http://www.w3.org/2000/svg"', "", text)
+    assert "noise draws for each fault" in text
+    assert f"pl-mc run {small_run.as_posix()}/manifest.json" in text
+    # What users write is text, never part of the page.
+    assert "<b>for</b>" not in text
+    assert "A ramp &lt;b&gt;for&lt;/b&gt; tests &amp; more" in text
+
+
+def test_the_answer_gives_the_numbers_of_the_table(small_run: Path) -> None:
+    alarms, misleading, missed = answer_of(read_run_folder(small_run))
+    assert "least squares (VPL) most often at G07:+55m, all (> 99.1 %)" in alarms
+    assert (
+        "IGG-III (VPL_R) never, under any of 4 faults, with at least 400 draws of noise each (below 0.918 %)"
+        in alarms
+    )
+    for sentence in (misleading, missed):
+        assert "least squares (VPL) and IGG-III (VPL_R) never" in sentence
+    assert "35 m" in missed
+
+
+def test_zero_alarms_are_never_called_zero_risk(small_run: Path) -> None:
+    """The bound of a zero is that of its draws: 1 - 0.025^(1/400)."""
+    table = read_run_folder(small_run).tables["rates"]
+    zero = table[table.alarms == 0]
+    assert len(zero)
+    np.testing.assert_allclose(zero.alarm_high, 1 - 0.025 ** (1 / 400), rtol=1e-12)
+
+
+def test_charts_hold_the_counts_of_the_table(small_run: Path) -> None:
+    run = read_run_folder(small_run)
+    (chart,) = charts_of(run)
+    assert chart["curves"] == ["least squares (VPL)", "IGG-III (VPL_R)"]
+    assert chart["menus"] == []
+    assert chart["quantities"][0] == {"label": "alarm", "rate": True}
+    drawn = {(row[0], row[1]): row[3:7] for row in chart["rows"]}
+    for curve, (_, group) in enumerate(run.tables["rates"].groupby("method", sort=False)):
+        for row in group.itertuples():
+            rate, low, high, count = drawn[curve, row.bias_m]
+            assert count == row.alarms
+            np.testing.assert_allclose(
+                [rate, low, high], [row.alarm_rate, row.alarm_low, row.alarm_high], rtol=1e-3
+            )
+
+
+def test_columns_that_tell_rows_apart_become_menus(small_run: Path) -> None:
+    run = read_run_folder(small_run)
+    rates = run.tables["rates"]
+    both = pd.concat([rates.assign(satellite="G07"), rates.assign(satellite="G08")])
+    (chart,) = charts_of(RunFolder(**(vars(run) | {"tables": {"both": both}})))
+    assert [(menu["label"], menu["values"]) for menu in chart["menus"]] == [("satellite", ["G07", "G08"])]
+    # Rows that nothing tells apart cannot be drawn as curves.
+    assert charts_of(RunFolder(**(vars(run) | {"tables": {"twice": pd.concat([rates, rates])}}))) == []
+
+
+def test_data_of_a_chart_cannot_close_its_element(tmp_path: Path) -> None:
+    table = counts({"ls": (1, 2, 3, 4), "igg3": (0, 0, 0, 0)})
+    table["method"] = table.method.replace("igg3", "</script><script>alert(1)</script>")
+    folder = store_run(tmp_path / "run", table, with_figure=False)
+    text = page_of(read_run_folder(folder))
+    assert "<script>alert" not in text
+    data = re.search(r'id="chart-data">(.*?)</script>', text, re.DOTALL)
+    assert data
+    assert json.loads(data[1])[0]["curves"][1] == "</script><script>alert(1)</script>"
+
+
+def test_heavy_figures_are_made_lighter_or_named(tmp_path: Path) -> None:
+    grey = np.add.outer(np.arange(300), np.arange(400)) * 0.3 + np.random.default_rng(1).normal(0, 4, (300, 400))
+    colours = np.stack([grey, 255 - grey, np.full_like(grey, 90)], axis=-1).clip(0, 255).astype(np.uint8)
+    Image.fromarray(colours).save(tmp_path / "rates.png")
+    full = page_figures(tmp_path, ["rates"], title="t", most_bytes=10**6)[0]
+    assert full.data.startswith("data:image/png;base64,")
+    assert full.size == (256, 192)
+    lengths = [len(full.data)]
+    for _ in range(2):
+        # First fewer colours, then half the size.
+        one = page_figures(tmp_path, ["rates"], title="t", most_bytes=lengths[-1] - 1)[0]
+        lengths.append(len(one.data))
+        assert one.size == full.size
+    assert lengths[0] > lengths[1] > lengths[2] > 0
+    none = page_figures(tmp_path, ["rates"], title="t", most_bytes=100)[0]
+    assert none.data == ""
+    assert none.files == ("rates.png",)
+    assert none.alt == full.alt
+
+
+def test_the_text_in_place_of_a_figure_says_what_is_drawn(small_run: Path) -> None:
+    alt = page_figures(small_run, ["rates"], title="t", most_bytes=10**6)[0].alt
+    for drawn in ("P(alarm)", "G07:+25m", "IGG-III (VPL_R)"):
+        assert drawn in alt
+
+
+@pytest.mark.parametrize("folder", STORED, ids=lambda folder: folder.name)
+def test_every_stored_result_has_three_sentences_with_numbers(folder: Path) -> None:
+    run = read_run_folder(folder)
+    answer = answer_of(run)
+    assert len(answer) == 3
+    for sentence in answer:
+        assert re.search(r"\d", sentence)
+        assert "nan" not in sentence
+        assert sentence.endswith(".")
+    for name in run.figures:
+        assert caption_of(name)
+
+
+@pytest.mark.parametrize("name", ["igg3-variants", "guo2022-esbc"])
+def test_the_largest_results_stay_below_the_limit(name: str) -> None:
+    """The one with the heaviest figures and the one with the longest tables."""
+    folder = RESULTS / name
+    if not folder.is_dir():
+        pytest.skip("the stored results are not here")
+    text = page_of(read_run_folder(folder))
+    assert len(text.encode()) < MOST_BYTES
+    assert "too large for this page" not in text
+    assert text.count("<img ") == len(read_run_folder(folder).figures)
+
+
+def test_a_kind_without_an_answer_quotes_its_summary() -> None:
+    found = "Nothing here. It is 12 % of 9. So 3 m more."
+    text = "\n\n".join(("# T", "From 4 epochs.", "| a |\n|---|\n| 1 |", found, "Notes:", "- 5"))
+    assert quoted(text) == ("It is 12 % of 9.", "So 3 m more.", "From 4 epochs.")
+    assert quoted("") == ("The summary below says what was found.",)
+    assert set(ANSWERS) == set(QUESTIONS)
+    assert set(ANSWERS) <= set(KINDS)
+
+
+def test_noise_models_are_told_beside_the_gaussian_one(tmp_path: Path) -> None:
+    """Of the models but the Gaussian one the sentence names the one with the most alarms; charts get a menu."""
+    parts = [
+        counts({"ls": alarms, "igg3": (0, 0, 0, 0)}).assign(noise=noise)
+        for noise, alarms in (("gaussian", (0, 1, 2, 0)), ("student_t", (0, 9, 40, 0)), ("multipath", (3, 0, 0, 0)))
+    ]
+    run = read_run_folder(store_run(tmp_path / "run", pd.concat(parts), with_figure=False))
+    alarms, *others = ANSWERS["noise"](run)
+    assert "least squares (VPL) 0.5 %" in alarms
+    assert "at G07:+40m with gaussian, 10 %" in alarms
+    assert "at G07:+40m with student_t, the most" in alarms
+    assert "IGG-III (VPL_R) 0 (< 0.918 %) with gaussian, 0 (< 0.918 %) with any other model" in alarms
+    assert len(others) == 2
+    (chart,) = charts_of(run)
+    assert chart["menus"][0]["values"] == ["gaussian", "student_t", "multipath"]
+
+
+def test_leaves_of_an_experiment_have_paths() -> None:
+    content = {"a": {"b": 1, "c": [1, 2]}, "d": [{"e": 3}, {"f": []}], "g": None}
+    assert flat_fields(content) == {"a.b": 1, "a.c": [1, 2], "d.0.e": 3, "d.1.f": [], "g": None}
+
+
+def test_what_is_no_run_is_refused(tmp_path: Path, small_run: Path) -> None:
+    with pytest.raises(InputError, match="no such results folder"):
+        remake_page(tmp_path / "nothing")
+    with pytest.raises(InputError, match="holds no finished run"):
+        remake_page(tmp_path)
+    (tmp_path / "manifest.json").write_text("[]")
+    with pytest.raises(InputError, match="no manifest"):
+        remake_page(tmp_path)
+    assert not (tmp_path / "report.html").exists()
+    # An experiment that this version does not know still has a page.
+    made = store_run(tmp_path / "old", counts({"ls": (0, 0, 0, 1), "igg3": (0, 0, 0, 0)}), with_figure=False)
+    manifest = json.loads((made / "manifest.json").read_text())
+    manifest["experiment"]["forgotten_field"] = 3
+    (made / "manifest.json").write_text(json.dumps(manifest))
+    assert remake_page(made).page == "report.html"
+    assert "forgotten_field" in (made / "report.html").read_text()

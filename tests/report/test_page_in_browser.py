@@ -1,0 +1,135 @@
+"""The pages in a real browser: they ask for nothing, write no error, draw, sort, and fit on a phone."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import pytest
+from browser import Browser
+from stored_runs import SIZES_M
+
+from pl_mc.experiments.comparing import write_comparison
+from pl_mc.report.page import write_report
+
+LOOK = """
+out.inner = innerWidth; out.wide = document.documentElement.scrollWidth;
+out.requests = performance.getEntriesByType('resource').map((one) => one.name);
+out.images = [...document.images].map((one) => [one.complete && one.naturalWidth > 0, one.alt.length]);
+const svg = document.querySelector('.canvas svg');
+out.curves = svg.querySelectorAll('polyline').length;
+out.marks = svg.querySelectorAll('.solid, .hollow').length;
+out.bands = svg.querySelectorAll('.band').length;
+svg.focus();
+for (const _ of [1, 2]) svg.dispatchEvent(new KeyboardEvent('keydown', {key: 'ArrowRight', bubbles: true}));
+out.tip = document.querySelector('.tip').textContent;
+const scale = document.querySelectorAll('.controls select'); const last = scale[scale.length - 1];
+last.value = 1; last.dispatchEvent(new Event('change'));
+out.arrows = document.querySelectorAll('.canvas svg path[d*="v14"]').length;
+const name = document.querySelector('.legend button'); name.click();
+out.pressed = name.getAttribute('aria-pressed');
+out.left = document.querySelector('.canvas svg').querySelectorAll('polyline').length;
+const tables = [...document.querySelectorAll('#tables table')];
+const table = tables.find((one) => one.tHead.textContent.includes('alarms'));
+const heads = [...table.tHead.rows[0].cells], at = heads.findIndex((one) => one.textContent === 'alarms');
+const column = () => [...table.tBodies[0].rows].map((row) => +row.cells[at].textContent);
+out.before = column();
+heads[at].querySelector('button').click(); out.up = column(); out.sort = heads[at].getAttribute('aria-sort');
+heads[at].querySelector('button').click(); out.down = column();
+"""
+
+
+@pytest.fixture(scope="module")
+def page(small_run: Path) -> Path:
+    return write_report(small_run)
+
+
+def test_the_page_draws_sorts_and_asks_for_nothing(browser: Browser, page: Path) -> None:
+    seen, console = browser.probe(page, LOOK)
+    assert console == []
+    assert seen["requests"] == []
+    assert seen["images"]
+    assert all(loaded and words > 40 for loaded, words in seen["images"])
+    # Two methods over all sizes; a mark and a band for each.
+    assert seen["curves"] == seen["bands"] == 2
+    assert seen["marks"] == 2 * len(SIZES_M)
+    # The second bias: 130 of 400 by least squares, none by the robust method.
+    assert "bias 25 m" in seen["tip"]
+    assert "32.5 %" in seen["tip"]
+    assert "130 of 400" in seen["tip"]
+    assert "0 (below 0.918 %), 0 of 400" in seen["tip"]
+    # On a logarithmic axis each of the five zeros is an upper bound with an arrow.
+    assert seen["arrows"] == 5
+    assert seen["pressed"] == "false"
+    assert seen["left"] == 1
+    assert seen["up"] == sorted(seen["before"])
+    assert seen["down"] == sorted(seen["before"], reverse=True)
+    assert seen["before"] != seen["up"]
+    assert seen["sort"] == "ascending"
+
+
+def test_nothing_is_wider_than_a_phone(browser: Browser, page: Path) -> None:
+    # A frame of a phone's width: a window cannot be made that narrow everywhere.
+    frame = page.with_name("frame.html")
+    frame.write_text(
+        '<!DOCTYPE html><body style="margin:0">'
+        f'<iframe src="{page.name}" width="390" height="2000"></iframe></body>'
+    )
+    script = (
+        "const inner = document.querySelector('iframe').contentDocument.documentElement;"
+        "out.wide = inner.scrollWidth; out.inner = inner.clientWidth;"
+        "out.boxes = [...inner.querySelectorAll('.scroll')].filter((one) => one.scrollWidth > one.clientWidth + "
+        "1).length;"
+    )
+    try:
+        seen, console = browser.probe(frame, script, "--allow-file-access-from-files")
+    finally:
+        frame.unlink()
+    assert console == []
+    assert seen["inner"] <= 390
+    assert seen["wide"] <= seen["inner"]
+    # Wide tables scroll in their own boxes.
+    assert seen["boxes"] >= 1
+
+
+def test_without_scripts_the_figures_and_tables_are_there(browser: Browser, page: Path) -> None:
+    # Every script of the page is refused, as by a reader who allows none.
+    without = page.with_name("without.html")
+    allowed = "script-src 'unsafe-inline'"
+    text = page.read_text()
+    assert allowed in text
+    without.write_text(text.replace(allowed, "script-src 'none'"))
+    try:
+        document, console = browser.dump(without)
+    finally:
+        without.unlink()
+    assert console
+    assert all("Content Security Policy" in line for line in console)
+    assert 'class="needs-script" hidden=""' in document
+    assert "<svg" not in document
+    assert 'src="data:image/' in document
+    assert "G07:+25m" in document
+
+
+def test_dark_light_and_paper(browser: Browser, page: Path, tmp_path: Path) -> None:
+    light = browser.brightness(page, tmp_path / "light.png", "--blink-settings=preferredColorScheme=1")
+    dark = browser.brightness(page, tmp_path / "dark.png", "--blink-settings=preferredColorScheme=0")
+    assert light > 200
+    assert dark < 70
+    printed = browser.print_pdf(page, tmp_path / "page.pdf")
+    assert printed.startswith(b"%PDF")
+    assert len(printed) > 10_000
+
+
+def test_the_page_of_a_comparison_draws_both_runs(browser: Browser, small_run: Path, tmp_path: Path) -> None:
+    made = write_comparison(small_run, small_run, tmp_path / "compared")
+    script = (
+        "out.curves = document.querySelector('.canvas svg').querySelectorAll('polyline').length;"
+        "out.rows = document.querySelector('#rates tbody').rows.length;"
+        "out.requests = performance.getEntriesByType('resource').map((one) => one.name);"
+    )
+    seen, console = browser.probe(made.folder / "compare.html", script)
+    assert console == []
+    assert seen["requests"] == []
+    assert seen["curves"] == 4
+    # Seven events of eight rows each.
+    assert seen["rows"] == 56
