@@ -35,6 +35,9 @@ class SimulatedGeometry(Strict):
     mask_deg: float = Field(default=10.0, ge=0, lt=90)
     constellations: tuple[str, ...] = ("GPS", "BDS-2")
     without: tuple[str, ...] = ()
+    almanac: Path | None = Field(
+        default=None, description="YUMA or SEM file whose healthy satellites take the place of the nominal GPS"
+    )
     error_model: str = "residual"
     error_options: dict[str, Any] = Field(default_factory=dict)
     epoch: int | None = Field(default=None, ge=0)
@@ -49,6 +52,7 @@ class SimulatedGeometry(Strict):
             mask_deg=self.mask_deg,
             constellations=self.constellations,
             without=self.without,
+            almanac=self.almanac,
             error_model=self.model(),
         )
         return series if self.epoch is None else series[self.epoch]
@@ -108,4 +112,5 @@ class Experiment(Strict):
 
     def input_files(self) -> Mapping[str, Path]:
         """Files that the experiment reads, by field; their hashes go into the manifest."""
-        return {}
+        almanac = getattr(getattr(self, "geometry", None), "almanac", None)
+        return {} if almanac is None else {"geometry.almanac": almanac}

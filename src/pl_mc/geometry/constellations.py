@@ -19,7 +19,7 @@ from pl_mc.input_errors import InputError, nearest, require_choice
 
 @dataclass(frozen=True)
 class Slot:
-    """A circular orbit and a place in it.
+    """An orbit and a place in it; a circle, but for satellites of an almanac.
 
     The ascending node lies at ``raan_rad - reference_sidereal_rad`` of Earth longitude at the reference time.
 
@@ -27,13 +27,17 @@ class Slot:
         name: satellite name, "G05".
         system: RINEX letter of the system.
         orbit: class of orbit, as error models know it ("GPS", "BDS-GEO").
-        semi_major_axis_m: radius of the orbit [m].
+        semi_major_axis_m: semi-major axis, the radius of a circular orbit [m].
         inclination_rad: inclination [rad].
         raan_rad: right ascension of the ascending node [rad].
-        argument_of_latitude_rad: angle from the node to the satellite at the reference time [rad].
+        argument_of_latitude_rad: angle from the node to the satellite at the reference time [rad]; in an eccentric
+            orbit argument of perigee and mean anomaly.
         reference_gps_s: reference time, GPS seconds [s].
         reference_sidereal_rad: Greenwich sidereal time at the reference time, as the table takes it [rad].
         geosynchronous: True where the satellite is held in step with the rotation of the Earth.
+        eccentricity: eccentricity.
+        perigee_rad: argument of perigee [rad].
+        raan_rate_rad_s: rate at which the node moves in inertial space [rad/s].
     """
 
     name: str
@@ -46,6 +50,9 @@ class Slot:
     reference_gps_s: float
     reference_sidereal_rad: float
     geosynchronous: bool = False
+    eccentricity: float = 0.0
+    perigee_rad: float = 0.0
+    raan_rate_rad_s: float = 0.0
 
 
 @dataclass(frozen=True)
@@ -175,12 +182,18 @@ CONSTELLATIONS: Mapping[str, Callable[[], tuple[Slot, ...]]] = MappingProxyType(
 )
 
 
-def constellation_slots(constellations: str | Sequence[str], without: str | Sequence[str] = ()) -> tuple[Slot, ...]:
+def constellation_slots(
+    constellations: str | Sequence[str],
+    without: str | Sequence[str] = (),
+    *,
+    gps_slots: Sequence[Slot] | None = None,
+) -> tuple[Slot, ...]:
     """The slots of one or several constellations, in order, less those switched off.
 
     Args:
         constellations: names of `CONSTELLATIONS`; a single name may stand alone.
         without: names of satellites to leave out.
+        gps_slots: what stands in for the nominal GPS, such as the satellites of an almanac.
 
     Raises:
         InputError: no constellation, an unknown or repeated one, an unknown satellite, or no satellite left.
@@ -192,7 +205,15 @@ def constellation_slots(constellations: str | Sequence[str], without: str | Sequ
         require_choice(name, CONSTELLATIONS, field="constellations")
         if wanted.count(name) > 1:
             raise InputError(f"constellations: {name!r} appears more than once.")
-    slots = tuple(slot for name in wanted for slot in CONSTELLATIONS[name]())
+    if gps_slots is not None and "GPS" not in wanted:
+        raise InputError(
+            f"almanac: it holds GPS satellites, but the constellations are {', '.join(wanted)}; add GPS."
+        )
+    slots = tuple(
+        slot
+        for name in wanted
+        for slot in (gps_slots if name == "GPS" and gps_slots is not None else CONSTELLATIONS[name]())
+    )
     names = [slot.name for slot in slots]
     off = [without] if isinstance(without, str) else list(without)
     for name in off:

@@ -1,9 +1,10 @@
-"""Orbits: where the satellites of nominal slots are, in Earth-fixed coordinates.
+"""Orbits: where the satellites of slots are, in Earth-fixed coordinates.
 
-Circles about a point mass in planes that stand still in inertial space; the Earth turns below by Greenwich mean
-sidereal time. Geosynchronous satellites are held in step with that rotation, as station keeping holds the real
-ones, so that they cross the equator at their longitude for ever. Oblateness, signal travel time and the rotation
-of the Earth during it are left out: they move a line of sight by far less than a nominal orbit is off.
+Circles about a point mass in planes that stand still in inertial space, or the ellipses and slowly turning planes
+of an almanac; the Earth turns below by Greenwich mean sidereal time. Geosynchronous satellites are held in step with
+that rotation, as station keeping holds the real ones, so that they cross the equator at their longitude for ever.
+Oblateness, signal travel time and the rotation of the Earth during it are left out: they move a line of sight by far
+less than a nominal orbit is off.
 """
 
 from __future__ import annotations
@@ -16,6 +17,10 @@ from numpy.typing import ArrayLike, NDArray
 from pl_mc.constants import EARTH_GM_M3_S2
 from pl_mc.geometry.constellations import Slot
 from pl_mc.geometry.gps_time import gmst_rad
+
+# Newton steps of Kepler's equation: from the mean anomaly four reach 1e-15 for eccentricities below 0.1, the most
+# that an almanac can hold takes a few more.
+_KEPLER_STEPS = 12
 
 
 def mean_motion_rad_s(semi_major_axis_m: ArrayLike) -> NDArray[np.float64]:
@@ -30,8 +35,8 @@ def mean_motion_rad_s(semi_major_axis_m: ArrayLike) -> NDArray[np.float64]:
 def satellite_positions_m(slots: Sequence[Slot], time_gps_s: ArrayLike) -> NDArray[np.float64]:
     """Earth-fixed positions of satellites (epochs, m, 3) [m].
 
-    The angles are those of IS-GPS-200, table 20-IV, for a circular orbit: argument of latitude u and Earth
-    longitude of the node give x, y, z.
+    The angles are those of IS-GPS-200, table 20-IV, without its harmonic corrections: argument of latitude u and
+    Earth longitude of the node give x, y, z.
 
     Args:
         slots: the m satellites.
@@ -59,8 +64,29 @@ def satellite_positions_m(slots: Sequence[Slot], time_gps_s: ArrayLike) -> NDArr
     # Both angles of a geostationary satellite grow without end and cancel; their sum keeps its digits.
     argument = np.where(if_stationary, start, argument)
     node = np.where(if_stationary, raan - sidereal, node)
+    eccentricity, perigee, raan_rate = (
+        np.array([getattr(slot, name) for slot in slots], dtype=float)
+        for name in ("eccentricity", "perigee_rad", "raan_rate_rad_s")
+    )
+    node = node + raan_rate * (time - reference)
+    distance = np.broadcast_to(radius, argument.shape)
+    if (eccentricity > 0).any():
+        eccentric = _eccentric_anomaly_rad(argument - perigee, eccentricity)
+        true = np.arctan2(
+            np.sqrt(1.0 - eccentricity**2) * np.sin(eccentric), np.cos(eccentric) - eccentricity
+        )  # fmt: skip
+        argument = np.where(eccentricity > 0, perigee + true, argument)
+        distance = distance * (1.0 - eccentricity * np.cos(eccentric))
     along, across = np.cos(argument), np.sin(argument)
     x = along * np.cos(node) - across * np.cos(inclination) * np.sin(node)
     y = along * np.sin(node) + across * np.cos(inclination) * np.cos(node)
     z = across * np.sin(inclination)
-    return radius[:, None] * np.stack([x, y, z], axis=-1)
+    return distance[..., None] * np.stack([x, y, z], axis=-1)
+
+
+def _eccentric_anomaly_rad(mean_rad: NDArray[np.float64], eccentricity: NDArray[np.float64]) -> NDArray[np.float64]:
+    """E with E - e sin E = M (Kepler's equation)."""
+    found = mean_rad + eccentricity * np.sin(mean_rad)
+    for _ in range(_KEPLER_STEPS):
+        found = found - (found - eccentricity * np.sin(found) - mean_rad) / (1.0 - eccentricity * np.cos(found))
+    return found

@@ -1,14 +1,16 @@
-"""Simulation of a geometry: the nominal constellations over a site or a track, without any file."""
+"""Simulation of a geometry: nominal constellations, or the GPS of an almanac, over a site or a track."""
 
 from __future__ import annotations
 
 from collections.abc import Sequence
 from datetime import datetime
+from pathlib import Path
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from pl_mc.error_models import ErrorModel, Sky, as_error_model
+from pl_mc.geometry.almanac import almanac_slots
 from pl_mc.geometry.constellations import Slot, constellation_slots
 from pl_mc.geometry.frames import enu_rotation, geodetic
 from pl_mc.geometry.gps_time import gps_seconds
@@ -31,6 +33,7 @@ def simulate(
     visible: ArrayLike | None = None,
     constellations: str | Sequence[str] = ("GPS", "BDS-2"),
     without: str | Sequence[str] = (),
+    almanac: str | Path | None = None,
     error_model: str | ErrorModel = "residual",
 ) -> Geometry:
     """The satellites of nominal constellations as a user sees them, epoch by epoch.
@@ -47,6 +50,7 @@ def simulate(
             satellites of `constellation_slots(constellations, without)`.
         constellations: names of `pl_mc.geometry.constellations.CONSTELLATIONS`.
         without: satellites that are switched off.
+        almanac: a YUMA or SEM file, whose healthy satellites take the place of the nominal GPS.
         error_model: name of an error model, or an object that serves as one.
 
     Returns:
@@ -56,7 +60,9 @@ def simulate(
     Raises:
         InputError: an option that cannot be used, or no satellite in view at any epoch.
     """
-    slots = constellation_slots(constellations, without)
+    first_gps_s = gps_seconds(start)
+    real = None if almanac is None else almanac_slots(almanac, first_gps_s)
+    slots = constellation_slots(constellations, without, gps_slots=real)
     model = as_error_model(error_model)
     position, epochs = _positions_m(site, track_m, epochs)
     mask_deg = _number("mask_deg", mask_deg)
@@ -68,7 +74,7 @@ def simulate(
     interval_s = _number("interval_s", interval_s)
     if interval_s <= 0:
         raise InputError(f"interval_s: {interval_s:g} s; the time between epochs is over zero, as in 30 s.")
-    time_gps_s = gps_seconds(start) + interval_s * np.arange(epochs)
+    time_gps_s = first_gps_s + interval_s * np.arange(epochs)
 
     # One epoch keeps its axis, whatever the conversion makes of an axis of length one.
     latitude, longitude = (np.reshape(angle, epochs) for angle in geodetic(position)[:2])

@@ -1,0 +1,200 @@
+"""Almanacs of GPS: the real satellites of a day instead of nominal slots, from a YUMA or a SEM file.
+
+Elements and their units are those of IS-GPS-200, section 20.3.3.5.2; the two text forms are those in which the US
+Coast Guard Navigation Center publishes them. Both count weeks modulo 1024: of the weeks that a number can mean, the
+nearest to the time of the simulation is taken.
+"""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Iterator, Mapping, Sequence
+from pathlib import Path
+
+import numpy as np
+
+from pl_mc.constants import EARTH_ROTATION_RAD_S
+from pl_mc.geometry.constellations import Slot
+from pl_mc.input_errors import InputError
+
+_WEEK_S = 604_800.0
+_WEEKS_PER_CYCLE = 1024
+_LARGEST_PRN = 63
+
+# The longest an almanac can sensibly be, so that another file is told from one before it is read.
+_LARGEST_BYTES = 1_000_000
+
+# A SEM file holds the inclination less 0.30 semicircles, as the satellites send it.
+_SEM_INCLINATION = 0.30
+
+# Fields of a YUMA record by the words before their units, and of a SEM record by their place.
+_YUMA = {
+    "id": "prn",
+    "health": "health",
+    "eccentricity": "eccentricity",
+    "time of applicability": "toa_s",
+    "orbital inclination": "inclination_rad",
+    "rate of right ascen": "raan_rate_rad_s",
+    "sqrt": "root_axis",
+    "right ascen at week": "raan_rad",
+    "argument of perigee": "perigee_rad",
+    "mean anom": "mean_anomaly_rad",
+    "week": "week",
+}
+_SEM_NUMBERS = 14
+
+# What an element can be: the widest values that the navigation message has room for, less what is no orbit.
+_RANGES = {
+    "prn": (1, _LARGEST_PRN),
+    "health": (0, 511),
+    "eccentricity": (0.0, 0.5),
+    "toa_s": (0.0, _WEEK_S),
+    "inclination_rad": (0.0, np.pi),
+    "raan_rate_rad_s": (-1e-6, 1e-6),
+    "root_axis": (4500.0, 7000.0),
+    "raan_rad": (-2 * np.pi, 2 * np.pi),
+    "perigee_rad": (-2 * np.pi, 2 * np.pi),
+    "mean_anomaly_rad": (-2 * np.pi, 2 * np.pi),
+    "week": (0, 8191),
+}
+_WHOLE = ("prn", "health", "week")
+
+
+def almanac_slots(path: str | Path, near_gps_s: float) -> tuple[Slot, ...]:
+    """The healthy satellites of an almanac.
+
+    Args:
+        path: a YUMA or SEM file; which of them it is follows from its text.
+        near_gps_s: a time within ten years of the almanac, GPS seconds [s].
+
+    Raises:
+        InputError: a file that is missing, cut short, damaged or no almanac, or without a healthy satellite; the
+            sentence names file and line.
+    """
+    path = Path(path)
+    lines = _lines(path)
+    records = list(_yuma(path, lines) if any(line.startswith("****") for line in lines) else _sem(path, lines))
+    slots = []
+    seen: set[int] = set()
+    for line, record in records:
+        for field, (low, high) in _RANGES.items():
+            value = record[field]
+            if not low <= value <= high or (field in _WHOLE and value != int(value)):
+                raise InputError(f"{path}: line {line}: {field} is {value:g}, which is no value of an almanac.")
+        prn = int(record["prn"])
+        if prn in seen:
+            raise InputError(f"{path}: line {line}: PRN {prn} appears twice.")
+        seen.add(prn)
+        if record["health"] == 0:
+            slots.append(_slot(record, near_gps_s))
+    if not slots:
+        raise InputError(f"{path}: it holds no healthy satellite.")
+    return tuple(sorted(slots, key=lambda slot: slot.name))
+
+
+def _slot(record: Mapping[str, float], near_gps_s: float) -> Slot:
+    week, cycle_s = int(record["week"]), _WEEKS_PER_CYCLE * _WEEK_S
+    moment = (week % _WEEKS_PER_CYCLE) * _WEEK_S + record["toa_s"]
+    moment += cycle_s * round((near_gps_s - moment) / cycle_s)
+    return Slot(
+        name=f"G{int(record['prn']):02d}",
+        system="G",
+        orbit="GPS",
+        semi_major_axis_m=record["root_axis"] ** 2,
+        inclination_rad=record["inclination_rad"],
+        raan_rad=record["raan_rad"],
+        argument_of_latitude_rad=record["perigee_rad"] + record["mean_anomaly_rad"],
+        reference_gps_s=moment,
+        # The node is given for the start of the week and the Earth turns on from there, at a rate of its own name.
+        reference_sidereal_rad=EARTH_ROTATION_RAD_S * record["toa_s"],
+        eccentricity=record["eccentricity"],
+        perigee_rad=record["perigee_rad"],
+        raan_rate_rad_s=record["raan_rate_rad_s"],
+    )
+
+
+def _lines(path: Path) -> list[str]:
+    try:
+        if path.stat().st_size > _LARGEST_BYTES:
+            raise InputError(f"{path}: it is too long for an almanac.")
+        content = path.read_bytes()
+    except OSError as error:
+        raise InputError(
+            f"{path}: the almanac cannot be read ({(error.strerror or str(error)).lower()})."
+        ) from None
+    if b"\0" in content:
+        raise InputError(f"{path}: it holds binary data and is no YUMA or SEM almanac.")
+    return content.decode("latin-1").replace("\r\n", "\n").replace("\r", "\n").split("\n")
+
+
+def _yuma(path: Path, lines: Sequence[str]) -> Iterator[tuple[int, dict[str, float]]]:
+    """Line of the heading and elements of each satellite."""
+    begin = 0
+    record: dict[str, float] | None = None
+    for number, line in enumerate([*lines, "****"], start=1):
+        if line.startswith("****"):
+            if record is not None:
+                missing = [name for name in _YUMA.values() if name not in record]
+                if missing:
+                    raise InputError(f"{path}: line {begin}: the record of a satellite lacks {', '.join(missing)}.")
+                yield begin, record
+            begin, record = number, {}
+            continue
+        words, colon, value = line.partition(":")
+        if not line.strip():
+            continue
+        if record is None or not colon:
+            raise InputError(f"{path}: line {number}: a heading of asterisks or a field with a colon is needed.")
+        words = words.strip().lower()
+        name = next((name for start, name in _YUMA.items() if words.startswith(start)), None)
+        if name is not None:
+            if name in record:
+                raise InputError(f"{path}: line {number}: {name} appears twice in the record of a satellite.")
+            record[name] = _number(path, number, value)
+
+
+def _sem(path: Path, lines: Sequence[str]) -> Iterator[tuple[int, dict[str, float]]]:
+    """Line of the PRN and elements of each satellite."""
+    numbered = [(k, line.split()) for k, line in enumerate(lines, start=1) if line.strip()]
+    head = re.fullmatch(r"\s*(\d{1,2})\s+\S.*", lines[0] if lines else "")
+    if head is None or len(numbered) < 2 or len(numbered[1][1]) != 2:
+        raise InputError(f"{path}: it is no YUMA or SEM almanac; both are text, with a heading in every file.")
+    at, (week, toa) = numbered[1]
+    shared = {"week": _number(path, at, week), "toa_s": _number(path, at, toa)}
+    fields = [(k, word) for k, words in numbered[2:] for word in words]
+    count = int(head.group(1))
+    if len(fields) != count * _SEM_NUMBERS:
+        raise InputError(
+            f"{path}: its first line promises {count} satellites of {_SEM_NUMBERS} numbers, but it holds "
+            f"{len(fields)} numbers; is it cut short?"
+        )
+    for first in range(0, len(fields), _SEM_NUMBERS):
+        line = fields[first][0]
+        value = [_number(path, k, word) for k, word in fields[first : first + _SEM_NUMBERS]]
+        # PRN, SVN, accuracy; e, i, rate of the node; root of a, node, perigee; M, clock offset and drift; health,
+        # configuration. Angles are in semicircles.
+        yield (
+            line,
+            shared
+            | {
+                "prn": value[0],
+                "eccentricity": value[3],
+                "inclination_rad": (_SEM_INCLINATION + value[4]) * np.pi,
+                "raan_rate_rad_s": value[5] * np.pi,
+                "root_axis": value[6],
+                "raan_rad": value[7] * np.pi,
+                "perigee_rad": value[8] * np.pi,
+                "mean_anomaly_rad": value[9] * np.pi,
+                "health": value[12],
+            },
+        )
+
+
+def _number(path: Path, line: int, text: str) -> float:
+    try:
+        number = float(text)
+    except ValueError:
+        number = np.nan
+    if not np.isfinite(number):
+        raise InputError(f"{path}: line {line}: a number is needed, not {text.strip()!r}.")
+    return number
