@@ -1,10 +1,10 @@
 """Orbits: where the satellites of slots are, in Earth-fixed coordinates.
 
 Circles about a point mass in planes that stand still in inertial space, or the ellipses and slowly turning planes
-of an almanac; the Earth turns below by Greenwich mean sidereal time. Geosynchronous satellites are held in step with
-that rotation, as station keeping holds the real ones, so that they cross the equator at their longitude for ever.
-Oblateness, signal travel time and the rotation of the Earth during it are left out: they move a line of sight by far
-less than a nominal orbit is off.
+of an almanac; the Earth turns below by Greenwich mean sidereal time. Geosynchronous satellites are held in step
+with that rotation, as station keeping holds the real ones, so that they cross the equator at their longitude for
+ever. Oblateness, signal travel time and the rotation of the Earth during it are left out: they move a line of
+sight by far less than a nominal orbit is off.
 """
 
 from __future__ import annotations
