@@ -1,28 +1,21 @@
-"""The README's Python runs as printed, and its two commands are the ones that continuous integration uses."""
+"""The README: its two commands are the ones that continuous integration uses, its table is that of the stored run.
+
+That its Python runs, and that its links lead somewhere, is checked with the pages of the site in tests/docs.
+"""
 
 from __future__ import annotations
 
 import re
 from pathlib import Path
 
-import pytest
-
 ROOT = Path(__file__).parents[1]
 TEXT = (ROOT / "README.md").read_text(encoding="utf-8")
 
 
-def test_every_block_has_a_language() -> None:
-    fences = re.findall(r"^```(.*)$", TEXT, flags=re.MULTILINE)
-    assert all(fences[0::2])
-    assert not any(fences[1::2])
-
-
-def test_python_blocks_run(capsys: pytest.CaptureFixture[str]) -> None:
-    blocks = re.findall(r"^```python\n(.*?)^```", TEXT, flags=re.MULTILINE | re.DOTALL)
-    assert blocks
-    for block in blocks:
-        exec(compile(block, "README.md", "exec"), {})
-    assert "alarm_rate" in capsys.readouterr().out
+def cells(text: str) -> list[list[str]]:
+    """The cells of every table row."""
+    rows = [line for line in text.splitlines() if line.startswith("|")]
+    return [[cell.strip() for cell in row.strip("|").split("|")] for row in rows]
 
 
 def test_the_test_command_is_the_one_of_continuous_integration() -> None:
@@ -31,6 +24,19 @@ def test_the_test_command_is_the_one_of_continuous_integration() -> None:
     assert commands[1] in (ROOT / ".ci" / "run").read_text(encoding="utf-8")
 
 
-def test_links_lead_somewhere() -> None:
-    for target in re.findall(r"\]\(([^)]+)\)", TEXT):
-        assert (ROOT / target).exists(), target
+def test_the_contributors_are_told_the_same() -> None:
+    text = (ROOT / "CONTRIBUTING.md").read_text(encoding="utf-8")
+    assert re.search(r"^\.ci/run$", text, flags=re.MULTILINE)
+    assert (ROOT / ".ci" / "run").stat().st_mode & 0o111
+
+
+def test_the_table_is_that_of_the_stored_run() -> None:
+    header, *stored = cells((ROOT / "results" / "ramp" / "summary.md").read_text(encoding="utf-8"))
+    runs = {row[0]: dict(zip(header, row, strict=True)) for row in stored}
+    shown = [row for row in cells(TEXT) if re.fullmatch(r"\d+ m", row[0])]
+    assert len(shown) >= 4
+    for bias, least_squares, robust, misleading in shown:
+        run = runs[f"G01:+{bias.removesuffix(' m')}m"]
+        assert least_squares == f"{run['alarm, ls']} ({run['alarm, LS exact']})"
+        assert robust == run["alarm, igg3"]
+        assert misleading == run["misleading, igg3"]

@@ -20,6 +20,7 @@ if TYPE_CHECKING:
     from pl_mc.integrity_risk.calibrate import calibrate
     from pl_mc.integrity_risk.exposure import exposure
     from pl_mc.integrity_risk.rare import risk
+    from pl_mc.integrity_risk.tuning import tune
     from pl_mc.integrity_risk.worst_case import worst_case
     from pl_mc.methods import Igg3 as igg3
     from pl_mc.methods import Ls as ls
@@ -28,7 +29,9 @@ if TYPE_CHECKING:
     from pl_mc.noise_models import NominalBias as nominal_bias
     from pl_mc.noise_models import StudentT as student_t
     from pl_mc.noise_models import noise_model
+    from pl_mc.service.volume import service_volume
     from pl_mc.statistics import exact, reliability
+    from pl_mc.time_ramps import time_to_alert
 
 __version__ = "0.1.0"
 
@@ -64,10 +67,13 @@ _PUBLIC = {
     "risk": ("pl_mc.integrity_risk.rare", "risk"),
     "risk_budget": ("pl_mc.integrity_risk.budget", "risk_budget"),
     "sample": ("pl_mc.engine", "sample"),
+    "service_volume": ("pl_mc.service.volume", "service_volume"),
     "simulate": ("pl_mc.geometry", "simulate"),
     "solve": ("pl_mc.engine", "solve"),
     "student_t": ("pl_mc.noise_models", "StudentT"),
     "sweep": ("pl_mc.engine", "sweep"),
+    "time_to_alert": ("pl_mc.time_ramps", "time_to_alert"),
+    "tune": ("pl_mc.integrity_risk.tuning", "tune"),
     "worst_case": ("pl_mc.integrity_risk.worst_case", "worst_case"),
 }
 
@@ -103,10 +109,13 @@ __all__ = [
     "risk",
     "risk_budget",
     "sample",
+    "service_volume",
     "simulate",
     "solve",
     "student_t",
     "sweep",
+    "time_to_alert",
+    "tune",
     "worst_case",
 ]
 

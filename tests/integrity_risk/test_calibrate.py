@@ -5,6 +5,7 @@ from __future__ import annotations
 import dataclasses
 import math
 
+import jax
 import numpy as np
 import pandas as pd
 import pytest
@@ -12,11 +13,16 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy import stats
 
-from pl_mc.alert import AlertLimits
+import pl_mc
+from pl_mc.alert import LPV_200, AlertLimits
 from pl_mc.faults import Faults, biases, no_fault
 from pl_mc.geometry.record import Geometry
 from pl_mc.input_errors import InputError
 from pl_mc.integrity_risk.calibrate import calibrate, fewest_draws, order_bounds
+from pl_mc.integrity_risk.ratio import RatioState, ratio_state
+from pl_mc.integrity_risk.ratio_curve import TailCurve, tail_curve
+from pl_mc.integrity_risk.worst_multiplier import neediest_fault
+from pl_mc.kernels import linear_model, start_from
 from pl_mc.methods import Igg3, Ls
 from pl_mc.statistics import binomial_p_value, ls_rates
 from reference.problems import appendix_d, random_series
@@ -247,6 +253,133 @@ def test_bounds_that_no_estimate_reaches_are_told() -> None:
     assert (row["k_low"], row["k_high"]) == (0.0, np.inf)
     assert "no upper bound was reached; no lower bound was reached" in row["warning"]
     assert len(set(asked)) == len(asked)
+
+
+def _state(fault: Faults | None = None, method=NEVER_REWEIGHTS) -> RatioState:
+    g = appendix_d(noise=1.5)
+    return ratio_state(g, no_fault(g) if fault is None else fault, method, "misleading", LPV_200)
+
+
+def test_the_ratio_decides_the_event_at_every_multiplier() -> None:
+    """Against the methods themselves: error and level of each draw, and an alarm where the level passes VAL."""
+    g = appendix_d(noise=6.0)
+    fault = biases(g, {"G03": 30.0})
+    method = Igg3()
+    state = ratio_state(g, fault, method, "misleading", LPV_200)
+    points = np.random.default_rng(4).standard_normal((1024, state.dimension))
+    noise_m = (points @ state.coordinates.matrix.T) * np.asarray(g.sigma_m) + fault.bias_m
+    ratio = state.ratio(points)
+    model = linear_model(np.asarray(g.design), np.asarray(g.sigma_m))
+    outcome = jax.jit(lambda errors: method.solve(model, (), start_from(model, errors)))(noise_m.T)
+    error_m, level_m = np.abs(np.asarray(outcome.error_m[2])), np.asarray(outcome.vpl_m)
+    available = np.asarray(outcome.available)
+    hits = 0
+    for k in (0.5, 2.0, 5.33):
+        vpl_m = level_m * k / method.k_vertical
+        event = available & (error_m > vpl_m) & (vpl_m <= LPV_200.vertical_m)
+        np.testing.assert_array_equal(ratio > k, event)
+        np.testing.assert_array_equal(state.at(k)(points) > 0, event)
+        hits += int(event.sum())
+    assert hits > 50
+    exceeded = dataclasses.replace(state, event="exceeded").ratio(points)
+    np.testing.assert_array_equal(exceeded > 2.0, available & (error_m > 2.0 * level_m / method.k_vertical))
+
+
+@pytest.fixture(scope="module")
+def curve() -> TailCurve:
+    """Of what is least squares, fault-free, down to 1e-7."""
+    options = {"target": 1e-7, "target_cov": 0.1, "most_evaluations": 10**7, "size": 2048, "fewest": 10}
+    return tail_curve(_state(), np.random.default_rng(8), **options)  # type: ignore[arg-type]
+
+
+def test_the_curve_is_exact_for_least_squares(curve: TailCurve) -> None:
+    g = appendix_d(noise=1.5)
+    for target in (1e-2, 1e-4, 1e-6, 1e-7):
+        exact = calibrate(g, event="misleading", target=target)["k_vertical"][0]
+        k, low, high = curve.multiplier(target, 1 - 1e-5)
+        assert low < exact < high
+        assert low < k < high
+        value, error = curve.at(exact)
+        # Student's t of so few populations, both sides one in a hundred thousand.
+        reach = stats.t.isf(1e-5, curve.populations - 1) * error / value
+        assert abs(np.log(value / target)) < reach
+        assert error < 0.4 * value
+    assert (np.diff(curve.probability) <= 0).all()
+
+
+def test_the_ends_of_a_curve() -> None:
+    k = np.array([1.0, 2.0, 4.0])
+    short = TailCurve(k, np.array([1e-2, 1e-3, 1e-4]), np.array([1e-3, 1e-4, 5e-5]), 6, 100)
+    middle, low, high = short.multiplier(1e-3, 0.95)
+    assert middle == pytest.approx(2.0)
+    assert low < middle < high
+    # Beyond the last point nothing is known.
+    assert np.isnan(short.multiplier(1e-5, 0.95)[0])
+    assert short.multiplier(1e-5, 0.95)[2] == np.inf
+    # The target lies within the curve but not within its upper bound.
+    assert short.multiplier(1.1e-4, 0.95)[2] == np.inf
+    assert short.at(2.0) == pytest.approx((1e-3, 1e-4))
+
+
+def test_multiplier_from_a_curve_and_its_check() -> None:
+    """What is least squares under another name, to the exact multiplier, and borne out by importance sampling."""
+    g = appendix_d(noise=1.5)
+    fault = biases(g, {"G03": 5.0})
+    exact = calibrate(g, faults=fault, event="misleading", target=1e-6)["k_vertical"][0]
+    options = {"draws": 20_000, "target_cov": 0.2, "max_evaluations": 1_500_000, "confidence": 1 - 1e-4}
+    table = calibrate(
+        g,
+        method=NEVER_REWEIGHTS,
+        faults=fault,
+        event="misleading",
+        target=1e-6,
+        seed=3,
+        **options,  # type: ignore[arg-type]
+    )
+    row = table.iloc[0]
+    assert row["found"] == "rare events"
+    assert row["k_low"] < exact < row["k_high"]
+    assert row["k_low"] < row["k_vertical"] < row["k_high"]
+    assert row["probability_low"] < row["probability"] < row["probability_high"] <= 1e-6 * (1 + 1e-2)
+    truth = ls_rates(g, fault, k_vertical=row["k_vertical"])["misleading_rate"][0]
+    # The check has an interval of 95 %: five times its half-width is beyond one in a million.
+    reach = np.log(row["check_high"] / row["check_probability"])
+    assert abs(np.log(row["check_probability"] / truth)) < 2.5 * reach
+    assert row["warning"] == ""
+    (drawn,) = table.attrs["curves"]
+    assert np.interp(row["k_vertical"], drawn["k_vertical"], np.log(drawn["probability"])) == pytest.approx(
+        np.log(1e-6), abs=1e-2
+    )
+
+
+def test_two_estimates_that_disagree_give_no_number(monkeypatch: pytest.MonkeyPatch) -> None:
+    from pl_mc.integrity_risk import multiplier_curve
+    from pl_mc.integrity_risk.importance import ImportanceRun
+
+    def half(limit, rng, **options) -> ImportanceRun:
+        return ImportanceRun(2e-5, 2e-7, 500.0, 1e4, 1e-3, 1000)
+
+    def none(limit, rng, **options) -> ImportanceRun:
+        return ImportanceRun(np.nan, np.nan, np.nan, 0.0, np.nan, 1000)
+
+    given_options = {"target": 1e-4, "confidence": 0.95, "key": (1, 0), "name": "test", "target_cov": 0.2}
+    for stand_in, words in ((half, "importance sampling found 2e-05"), (none, "never met the event")):
+        monkeypatch.setattr(multiplier_curve, "importance_sampling", stand_in)
+        found = multiplier_curve.from_curve(_state(), most_evaluations=800_000, **given_options).found  # type: ignore[arg-type]
+        assert np.isnan(found.k)
+        assert (found.low, found.high) == (0.0, np.inf)
+        assert words in found.warning
+
+
+def test_the_fault_that_needs_most() -> None:
+    """Least squares exactly; what is least squares by the search, whose choice must need nearly as much."""
+    g = appendix_d(noise=1.5)
+    faults = pl_mc.ramps(g, satellites=["G01", "G03", "E10"], start_m=4.0, stop_m=12.0, step_m=4.0)
+    options = {"event": "misleading", "alert": LPV_200, "target": 1e-6, "seed": 2}
+    each = calibrate(g, faults=faults, event="misleading", target=1e-6)["k_vertical"].to_numpy()
+    assert neediest_fault(g, faults, method=Ls(), **options) == each.argmax()  # type: ignore[arg-type]
+    chosen = neediest_fault(g, faults, method=NEVER_REWEIGHTS, **options)  # type: ignore[arg-type]
+    assert each[chosen] > 0.95 * each.max()
 
 
 def test_bad_input() -> None:

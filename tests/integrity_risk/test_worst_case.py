@@ -288,6 +288,44 @@ def test_the_search_with_the_rare_event_estimator() -> None:
     assert truth > 0.8 * best["probability"]
 
 
+@pytest.mark.parametrize("event", ["misleading", "missed"])
+def test_screened_pairs_of_what_is_least_squares(event: str) -> None:
+    """All pairs by the search, against the exact worst of each."""
+    g, method = appendix_d(noise=3.0), Igg3(k0=1e3, k1=2e3, iterations=1)
+    exact = worst_case(g, event=event, satellites=2).set_index("satellites")  # type: ignore[arg-type]
+    sizes, exact = exact[["bias_1_m", "bias_2_m"]].to_numpy(), exact["probability"]
+    table = worst_case(
+        g,
+        method=method,
+        event=event,
+        satellites=2,
+        target_cov=0.1,
+        max_evaluations=1_000_000,
+        seed=5,  # type: ignore[arg-type]
+    )
+    assert len(table) == len(exact) == 45
+    assert table["stage"].value_counts().to_dict() == {"screened": 33, "shortlisted": 9, "refined": 3}
+    top = table[table["refined"]]
+    assert top.index.tolist() == [0, 1, 2]
+    # The worst three of all, and each near its own worst: the climb compares populations of a few hundred points.
+    assert set(top["satellites"]) == set(exact.index[:3])
+    for row in top.itertuples():
+        fault = biases(g, dict(zip(row.satellites.split(","), (row.bias_1_m, row.bias_2_m), strict=True)))
+        truth = ls_rates(g, fault)[f"{event}_rate"][0]
+        assert abs(row.probability - truth) < 4.9 * row.standard_error
+        assert row.low < row.probability < row.high
+        assert truth > 0.8 * exact[row.satellites]
+    # The others have a count and no estimate; the exact worst is at least what they were screened at.
+    rest = table[~table["refined"]].set_index("satellites")
+    assert rest["probability"].isna().all()
+    assert (rest["low"] <= exact[rest.index]).all()
+    spent = table.attrs["evaluations"]
+    # 42 faults of each pair and five along the direction that is worst for least squares, if any is.
+    assert spent["screened"] == 1024 * (45 * 42 + 5 * int(sizes.any(axis=1).sum()))
+    assert spent["shortlisted"] > 0
+    assert spent["refined"] >= 3 * 2**15
+
+
 def test_the_last_estimate_is_not_the_luckiest() -> None:
     """Over many seeds the reported value is right on average for the reported fault, chosen or not."""
     g = appendix_d(noise=3.0)

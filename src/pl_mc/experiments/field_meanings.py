@@ -22,7 +22,8 @@ SHARED: dict[str, str] = {
     "methods": "methods to compare, each a table with a name and options of its own",
     "tests": "tests to compare, each a table with a name and options of its own",
     "name": "its name",
-    "alert": "alert limits: APV-I (vertical 50 m), LPV-200 (35 m) or APV-II (20 m)",
+    "alert": "alert limits by operation: APV-I (vertical 50 m), LPV-200 (35 m), APV-II (20 m), CAT-I, CAT-II "
+    "or CAT-IIIB",
     "seed": "chooses the noise; the same seed gives the same counts",
     "precision": "precision of the computation",
     "draws": "noise draws for each fault at each epoch",
@@ -35,7 +36,7 @@ SHARED: dict[str, str] = {
     "epochs": "number of epochs",
     "interval_s": "time between epochs",
     "mask_deg": "elevation mask",
-    "constellations": "nominal constellations: GPS, BDS-2, BDS-3, Galileo",
+    "constellations": "nominal constellations: GPS, BDS-2, BDS-3, GAL",
     "without": "satellites that are switched off, by name",
     "error_model": "standard deviations of the pseudoranges: residual, none, uire, user or constant",
     "error_options": "options of the error model, as an inline table",

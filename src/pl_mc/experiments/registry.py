@@ -6,6 +6,7 @@ from collections.abc import Callable
 from dataclasses import dataclass
 
 from pl_mc.experiments import (
+    compare_run,
     guo_run,
     map_run,
     noise_run,
@@ -14,8 +15,10 @@ from pl_mc.experiments import (
     risk_run,
     satellite_ramp_run,
     series_run,
+    service_run,
     stanford_run,
     sweep_run,
+    time_ramps_run,
     variants_run,
 )
 from pl_mc.experiments.common import Experiment
@@ -38,6 +41,7 @@ class Kind:
 
 
 KINDS: dict[str, Kind] = {
+    "compare": Kind(compare_run.CompareExperiment, compare_run.run, compare_run.sweeps),
     "guo": Kind(guo_run.GuoExperiment, guo_run.run),
     "map": Kind(map_run.MapExperiment, map_run.run, map_run.sweeps),
     "noise": Kind(noise_run.NoiseExperiment, noise_run.run, noise_run.sweeps),
@@ -50,5 +54,7 @@ KINDS: dict[str, Kind] = {
     "risk": Kind(risk_run.RiskExperiment, risk_run.run),
     "stanford": Kind(stanford_run.StanfordExperiment, stanford_run.run),
     "variants": Kind(variants_run.VariantsExperiment, variants_run.run, variants_run.sweeps),
+    "time-ramps": Kind(time_ramps_run.TimeRampsExperiment, time_ramps_run.run),
     "series": Kind(series_run.SeriesExperiment, series_run.run),
+    "service": Kind(service_run.ServiceExperiment, service_run.run),
 }

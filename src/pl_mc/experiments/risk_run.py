@@ -13,23 +13,17 @@ from typing import Annotated, Any, Literal
 from pydantic import Field
 
 from pl_mc.engine import Execution
-from pl_mc.experiments.common import Experiment, SimulatedGeometry, Strict
+from pl_mc.experiments.common import Experiment, MethodChoice, SimulatedGeometry, Strict
 from pl_mc.experiments.output import write_table
-from pl_mc.experiments.risk_tables import (
-    BudgetCase,
-    CalibrationCase,
-    budget_table,
-    calibration_table,
-    curve_table,
-    equal_risk_table,
-    step_table,
-    worst_table,
-)
+from pl_mc.experiments.risk_calibration import CalibrationCase, calibration_table, equal_risk_table
+from pl_mc.experiments.risk_tables import BudgetCase, budget_table, curve_table, pair_table, step_table, worst_table
 from pl_mc.experiments.stanford_run import scaled_noise
 from pl_mc.faults import biases, no_fault, require_satellite
 from pl_mc.input_errors import InputError, require_choice
+from pl_mc.methods import as_methods
 from pl_mc.report.figures import save_figure
-from pl_mc.report.risk_figures import calibration_figure, risk_curve_figure, sky_figure, step_figure, worst_figure
+from pl_mc.report.risk_calibration_figure import calibration_figure
+from pl_mc.report.risk_figures import risk_curve_figure, sky_figure, step_figure, worst_figure
 from pl_mc.report.risk_text import RiskTables, risk_summary
 
 EventName = Literal["missed", "misleading"]
@@ -62,12 +56,14 @@ class WorstChoice(Strict):
         events: for which it is computed by least squares.
         estimated: satellites for which it is searched for by estimates; ``["all"]`` for every one in view.
         estimated_events: for which.
+        pair_events: for which the worst pairs of satellites are searched for, of least squares and of the others.
         target_cov, max_evaluations: of the last estimates.
     """
 
     events: Annotated[tuple[EventName, ...], Field(min_length=1)] = ("misleading", "missed")
     estimated: tuple[str, ...] = ()
     estimated_events: tuple[EventName, ...] = ("misleading",)
+    pair_events: tuple[EventName, ...] = ()
     target_cov: float = Field(default=0.1, gt=0, lt=1)
     max_evaluations: int = Field(default=2_000_000, ge=500_000)
 
@@ -111,6 +107,9 @@ class CalibrationChoice(Strict):
         fewest_draws, most_draws: draws; a target that needs more than the latter is left to the rare-event
             estimator.
         rare_faults: how many of the faults, from the first, get such targets; the others end before them.
+        also: methods that are calibrated besides those of the experiment.
+        worst_sizes_m: sizes of a fault on any satellite, of which each method gets the one that needs the largest
+            multiplier at the smallest target as a further fault; none unless given [m].
         target_cov, max_evaluations: of that estimator.
         alarm_satellite, alarm_biases_m: the ramp under which alarms at equal risk are compared [m].
         alarm_draws: noise draws of that comparison.
@@ -124,6 +123,8 @@ class CalibrationChoice(Strict):
     fewest_draws: int = Field(default=200_000, ge=1)
     most_draws: int = Field(default=5_000_000, ge=1)
     rare_faults: int = Field(default=1, ge=0)
+    also: tuple[MethodChoice, ...] = ()
+    worst_sizes_m: tuple[Annotated[float, Field(gt=0)], ...] = ()
     target_cov: float = Field(default=0.2, gt=0, lt=1)
     max_evaluations: int = Field(default=2_000_000, ge=500_000)
     alarm_satellite: str
@@ -150,7 +151,7 @@ class RiskExperiment(Experiment):
 
 
 def run(experiment: RiskExperiment, folder: Path, *, execution: Execution) -> tuple[str, tuple[str, ...]]:
-    """Write ``curves``, ``worst``, ``steps``, ``budgets``, ``calibration`` and ``equal_risk.csv`` with figures.
+    """Write the tables and the figures.
 
     Returns:
         The summary in Markdown, and notes.
@@ -171,25 +172,37 @@ def run(experiment: RiskExperiment, folder: Path, *, execution: Execution) -> tu
     made = [biases(g, one) if one else no_fault(g) for one in calibration.faults]
     case = CalibrationCase(
         faults=sum(made[1:], made[0]),
-        **calibration.model_dump(exclude={"faults", "alarm_satellite", "alarm_biases_m", "alarm_draws"}),
+        **calibration.model_dump(exclude={"faults", "also", "alarm_satellite", "alarm_biases_m", "alarm_draws"}),
     )
+    further = as_methods([choice.build() for choice in calibration.also]) if calibration.also else ()
     common: dict[str, Any] = {"methods": methods, "alert": alert, "seed": seed}
+    calibrated = common | {"methods": (*methods, *further)}
     workers = execution.workers
 
+    multipliers, multiplier_curves = calibration_table(g, case, **calibrated, workers=workers)
     tables = RiskTables(
         curves=curve_table(g, **curves.model_dump(), **common, workers=workers, progress=execution.progress),
-        worst=worst_table(g, **(worst.model_dump() | {"estimated": estimated}), **common, workers=workers),
+        worst=worst_table(
+            g, **(worst.model_dump(exclude={"pair_events"}) | {"estimated": estimated}), **common, workers=workers
+        ),
         budgets=budget_table(g, budgets, alert=alert, seed=seed),
-        calibration=calibration_table(g, case, **common, workers=workers),
+        calibration=multipliers,
+        multiplier_curves=multiplier_curves,
     )
+    tables.pairs = pair_table(
+        g, events=worst.pair_events, target_cov=worst.target_cov, max_evaluations=worst.max_evaluations, **common,
+        workers=workers,
+    )  # fmt: skip
     steps = step_table(g, tables.worst, methods=methods, alert=alert, stop_m=curves.stop_m)
     tables.equal_risk = equal_risk_table(
         g, tables.calibration, satellite=calibration.alarm_satellite, biases_m=calibration.alarm_biases_m,
-        draws=calibration.alarm_draws, **common,
+        draws=calibration.alarm_draws, **calibrated,
     )  # fmt: skip
     for name, table in (
-        ("curves", tables.curves), ("worst", tables.worst), ("steps", steps), ("budgets", tables.budgets),
-        ("calibration", tables.calibration), ("equal_risk", tables.equal_risk),
+        ("curves", tables.curves), ("worst", tables.worst), ("steps", steps), ("pairs", tables.pairs),
+        ("budgets", tables.budgets),
+        ("calibration", tables.calibration), ("multiplier_curves", multiplier_curves),
+        ("equal_risk", tables.equal_risk),
     ):  # fmt: skip
         write_table(table, folder, name)
     title = experiment.title
@@ -198,10 +211,11 @@ def run(experiment: RiskExperiment, folder: Path, *, execution: Execution) -> tu
     save_figure(step_figure(steps, tables.worst, alert=alert, title=title), folder, "grid_steps")
     save_figure(sky_figure(tables.worst, g, title=title), folder, "worst_sky")
     save_figure(
-        calibration_figure(tables.calibration, tables.equal_risk, alert=alert, title=title), folder, "calibration"
-    )
+        calibration_figure(tables.calibration, multiplier_curves, tables.equal_risk, alert=alert, title=title),
+        folder, "calibration",
+    )  # fmt: skip
     summary = risk_summary(
-        tables, g, methods=methods, alert=alert, title=title, seed=seed, noise_scale=experiment.noise_scale,
-        confidence=calibration.confidence,
+        tables, g, methods=(*methods, *further), alert=alert, title=title, seed=seed,
+        noise_scale=experiment.noise_scale, confidence=calibration.confidence,
     )  # fmt: skip
     return summary, ()

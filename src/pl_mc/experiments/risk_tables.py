@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any
@@ -11,23 +10,17 @@ import numpy as np
 import pandas as pd
 
 from pl_mc.alert import AlertLimits
-from pl_mc.engine import sample
-from pl_mc.faults import Faults, no_fault, ramps, require_satellite
+from pl_mc.faults import Faults, ramps, require_satellite
 from pl_mc.geometry import Geometry
 from pl_mc.host.threads import cores, in_order
 from pl_mc.integrity_risk.budget import risk_budget
-from pl_mc.integrity_risk.calibrate import calibrate
 from pl_mc.integrity_risk.rare import risk
 from pl_mc.integrity_risk.worst_case import worst_case
 from pl_mc.methods import Ls, Method
 from pl_mc.statistics.exact import ls_rates
-from pl_mc.statistics.intervals import clopper_pearson
 
 EXACT = "exact"
 CURVE_EVENTS = ("misleading", "missed")
-
-# Levels without an alert limit: an alarm in spite of it is the method's own test.
-_NO_LIMIT = AlertLimits("none", vertical_m=1e300, horizontal_m=1e300)
 
 
 @dataclass(frozen=True)
@@ -36,33 +29,6 @@ class BudgetCase:
 
     method: Method
     options: dict[str, Any]
-
-
-@dataclass(frozen=True)
-class CalibrationCase:
-    """What multipliers have to keep; the fields are explained at the experiment's record."""
-
-    faults: Faults
-    event: str
-    targets: tuple[float, ...]
-    confidence: float
-    draws_per_event: float
-    fewest_draws: int
-    most_draws: int
-    rare_faults: int
-    target_cov: float
-    max_evaluations: int
-
-    def counts(self, target: float) -> bool:
-        """Whether a target is common enough to be counted."""
-        return self._needed(target) <= self.most_draws
-
-    def draws(self, target: float) -> int:
-        """Draws for a target; so few that it is estimated where it would take too many."""
-        return self._needed(target) if self.counts(target) else min(self.fewest_draws, math.ceil(1.0 / target))
-
-    def _needed(self, target: float) -> int:
-        return max(self.fewest_draws, math.ceil(self.draws_per_event / target))
 
 
 def curve_table(
@@ -105,7 +71,7 @@ def curve_table(
             if not sizes:
                 continue
             table = risk(
-                g, _each_size(g, satellites, sizes), seed=seed, event=event, method=method, target_cov=target_cov,
+                g, each_size(g, satellites, sizes), seed=seed, event=event, method=method, target_cov=target_cov,
                 alert=alert, max_evaluations=max_evaluations, workers=workers, progress=progress,
             )  # fmt: skip
             parts.append(table.assign(satellite=np.repeat(np.array(satellites, dtype=object), len(sizes))))
@@ -158,6 +124,37 @@ def worst_table(
     return table
 
 
+def pair_table(
+    g: Geometry,
+    *,
+    events: Sequence[str],
+    target_cov: float,
+    max_evaluations: int,
+    methods: Sequence[Method],
+    alert: AlertLimits,
+    seed: int,
+    workers: int | None = None,
+) -> pd.DataFrame:
+    """The worst pairs of satellites, the columns of `worst_case` with ``event``.
+
+    Least squares is exact; of other methods all pairs are screened and the worst few estimated.
+    """
+    tasks = [(method, event) for event in events for method in methods]
+
+    def run(task: tuple[Method, str]) -> pd.DataFrame:
+        method, event = task
+        table = worst_case(
+            g, method=method, event=event, satellites=2, alert=alert, seed=seed,  # type: ignore[arg-type]
+            target_cov=target_cov, max_evaluations=max_evaluations,
+        )  # fmt: skip
+        spent = table.attrs.pop("evaluations", {})
+        return table.assign(event=event, evaluations=sum(spent.values())).drop(columns=["epoch", "bias_m"])
+
+    threads = cores() if workers is None else workers
+    found = [table.dropna(axis=1, how="all") for _, table in in_order(run, tasks, threads)]
+    return pd.concat(found, ignore_index=True) if found else pd.DataFrame(columns=["method", "event", "satellites"])
+
+
 def step_table(
     g: Geometry, worst: pd.DataFrame, *, methods: Sequence[Method], alert: AlertLimits, stop_m: float
 ) -> pd.DataFrame:
@@ -177,7 +174,7 @@ def step_table(
             # Twice as far as the peak, and three steps of the usual ramp at the least.
             last = min(max(2.0 * top.bias_m, 15.0), stop_m)
             sizes = np.unique(np.append(np.linspace(0.0, last, 301), np.arange(5.0, last + 1e-9, 5.0)))
-            faults = _each_size(g, [top.satellites], sizes)
+            faults = each_size(g, [top.satellites], sizes)
             rates = ls_rates(g, faults, alert=alert, k_vertical=method.k_vertical)[f"{event}_rate"]
             columns = {"event": event, "satellite": top.satellites, "bias_m": sizes, "probability": rates}
             parts.append(pd.DataFrame(columns).assign(method=method.name))
@@ -207,99 +204,7 @@ def budget_table(g: Geometry, cases: Sequence[BudgetCase], *, alert: AlertLimits
     return pd.concat(parts, ignore_index=True) if parts else pd.DataFrame(columns=["budget", "method", "event"])
 
 
-def calibration_table(
-    g: Geometry,
-    case: CalibrationCase,
-    *,
-    methods: Sequence[Method],
-    alert: AlertLimits,
-    seed: int,
-    workers: int | None = None,
-) -> pd.DataFrame:
-    """The multiplier of every method for every fault and target, the rows of `calibrate`."""
-    tasks = [
-        (method, k, target)
-        for method in methods
-        for k in range(len(case.faults))
-        for target in case.targets
-        if isinstance(method, Ls) or k < case.rare_faults or case.counts(target)
-    ]
-
-    def run(task: tuple[Method, int, float]) -> pd.DataFrame:
-        method, k, target = task
-        fault = Faults(case.faults.bias_m[[k]], case.faults.names, (case.faults.labels[k],))
-        return calibrate(
-            g, method=method, target=target, faults=fault, event=case.event, alert=alert,  # type: ignore[arg-type]
-            confidence=case.confidence, draws=case.draws(target), seed=seed, target_cov=case.target_cov,
-            max_evaluations=case.max_evaluations,
-        )  # fmt: skip
-
-    threads = cores() if workers is None else workers
-    table = pd.concat([part for _, part in in_order(run, tasks, threads)], ignore_index=True)
-    largest = table.groupby(["method", "target"])["k_high"].transform("max")
-    return table.assign(decides=table["k_high"] == largest)
-
-
-def equal_risk_table(
-    g: Geometry,
-    calibration: pd.DataFrame,
-    *,
-    satellite: str,
-    biases_m: Sequence[float],
-    draws: int,
-    methods: Sequence[Method],
-    alert: AlertLimits,
-    seed: int,
-) -> pd.DataFrame:
-    """Alarm rates with the multiplier that keeps a target under all faults of a calibration, method by method.
-
-    Returns:
-        One row per method, target and bias (0 is fault-free): ``method, target, k_vertical, fault, bias_m, draws,
-        alarm_rate, alarm_low, alarm_high``; exact for least squares.
-    """
-    faults = no_fault(g) + _each_size(g, [satellite], [size for size in biases_m if size])
-    # A target that was not sought under every fault compares nothing.
-    sought = calibration.groupby(["method", "target"])["fault"].transform("nunique")
-    complete = calibration[calibration.decides & (sought == calibration.fault.nunique())]
-    decides = complete.drop_duplicates(["method", "target"])
-    parts = []
-    for method in methods:
-        rows = decides[decides.method == method.name]
-        if isinstance(method, Ls):
-            for target, k in zip(rows.target, rows.k_high, strict=True):
-                rate = ls_rates(g, faults, alert=alert, k_vertical=max(k, 1e-6))["alarm_rate"].to_numpy()
-                parts.append(_alarm_rows(method, target, k, faults, 0, rate, rate, rate))
-            continue
-        # One set of draws for all multipliers: the level is proportional to them.
-        drawn = sample(g, faults, draws=draws, seed=seed, methods=(method,), alert=_NO_LIMIT)
-        unit_m = np.where(drawn["alarm"], np.inf, drawn["vpl_m"]) / method.k_vertical  # type: ignore[attr-defined]
-        for target, k in zip(rows.target, rows.k_high, strict=True):
-            alarm = np.isinf(unit_m) | (k * unit_m > alert.vertical_m)
-            count = pd.Series(alarm).groupby(drawn["fault"].to_numpy()).sum().loc[list(faults.labels)].to_numpy()
-            low, high = clopper_pearson(count, draws)
-            parts.append(_alarm_rows(method, target, k, faults, draws, count / draws, low, high))
-    return pd.concat(parts, ignore_index=True)
-
-
-def _alarm_rows(
-    method: Method, target: float, k: float, faults: Faults, draws: int, rate: Any, low: Any, high: Any
-) -> pd.DataFrame:
-    return pd.DataFrame(
-        {
-            "method": method.name,
-            "target": target,
-            "k_vertical": k,
-            "fault": np.array(faults.labels, dtype=object),
-            "bias_m": faults.scalar_bias_m,
-            "draws": draws,
-            "alarm_rate": rate,
-            "alarm_low": low,
-            "alarm_high": high,
-        }
-    )
-
-
-def _each_size(g: Geometry, satellites: Sequence[str], sizes: Sequence[float] | np.ndarray) -> Faults:
+def each_size(g: Geometry, satellites: Sequence[str], sizes: Sequence[float] | np.ndarray) -> Faults:
     """Every size on each satellite, satellite by satellite."""
     rows = np.zeros((len(satellites), len(sizes), len(g.names)))
     for k, name in enumerate(satellites):

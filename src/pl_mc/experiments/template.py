@@ -147,7 +147,9 @@ def _options(record: BaseModel, *, again: bool) -> list[str]:
     if cls is None or again:
         return lines
     for option in dataclasses.fields(cls):
-        if option.name in given or option.default is dataclasses.MISSING:
+        # A record of options of its own, such as a risk budget, has no form in these files.
+        unwritten = option.default is dataclasses.MISSING or dataclasses.is_dataclass(option.default)
+        if option.name in given or unwritten:
             continue
         text = meaning(cls, option.name)
         default = "not given" if option.default is None else _value(option.default)

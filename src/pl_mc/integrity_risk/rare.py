@@ -115,7 +115,7 @@ def risk(
 
     Returns:
         One row per fault (per epoch and fault for a series: a fault gives no row where one of its satellites is out
-        of view, see ``table.attrs["notes"]``): ``epoch`` (series only)``, fault, bias_m, method, event`` and
+        of view, see ``table.attrs["notes"]``): ``epoch`` (series only), ``fault, bias_m, method, event`` and
 
         ``probability``: the estimate; NaN where the warning takes it back or nothing reached the event;
         ``standard_error``: its standard error;

@@ -168,9 +168,9 @@ def climb(
         if not inside.any() or spent + moves * size > most_evaluations:
             return Population(points[:0], log_probability, False, spent)
         log_probability += float(np.log(inside.mean()))
-        chosen = _systematic(rng, inside.astype(float), size)
+        chosen = systematic(rng, inside.astype(float), size)
         points, values = points[chosen], values[chosen]
-        points, values, step = _move(limit, rng, points, values, level, sigma, step, moves)
+        points, values, step = move(limit, rng, points, values, level, sigma, step, moves)
         spent += moves * size
         if level >= 0.0:
             break
@@ -182,9 +182,9 @@ def climb(
         cooler, log_ratio, weights = _cool(points, sigma, active)
         log_probability += log_ratio
         sigma = cooler
-        chosen = _systematic(rng, weights, size)
+        chosen = systematic(rng, weights, size)
         points, values = points[chosen], values[chosen]
-        points, values, step = _move(limit, rng, points, values, 0.0, sigma, step, moves)
+        points, values, step = move(limit, rng, points, values, 0.0, sigma, step, moves)
         spent += moves * size
     return Population(points, log_probability, True, spent)
 
@@ -193,11 +193,11 @@ def rejuvenate(
     limit: Limit, rng: np.random.Generator, points: FloatArray, moves: int = MOVES
 ) -> tuple[FloatArray, int]:
     """Points of the event, moved within it as the nominal noise is distributed there; and what that cost."""
-    moved, _, _ = _move(limit, rng, points, limit(points), 0.0, np.ones(points.shape[1]), 0.3, moves)
+    moved, _, _ = move(limit, rng, points, limit(points), 0.0, np.ones(points.shape[1]), 0.3, moves)
     return moved, len(points) * (moves + 1)
 
 
-def _move(
+def move(
     limit: Limit,
     rng: np.random.Generator,
     points: FloatArray,
@@ -249,7 +249,7 @@ def _effective(weight: FloatArray) -> float:
     return float(weight.mean() ** 2 / (weight**2).mean())
 
 
-def _systematic(rng: np.random.Generator, weight: FloatArray, size: int) -> NDArray[np.int64]:
+def systematic(rng: np.random.Generator, weight: FloatArray, size: int) -> NDArray[np.int64]:
     """Indices drawn in proportion to weights, each as often as its share rounded up or down."""
     heap = np.cumsum(weight)
     places = (rng.random() + np.arange(size)) / size * heap[-1]

@@ -5,13 +5,24 @@ from pl_mc.kernels.levels import ProtectionLevels, protection_levels
 from pl_mc.kernels.linear_model import LinearModel, linear_model
 from pl_mc.kernels.reweighting import IrlsOptions, irls
 from pl_mc.kernels.solvers import igg3, least_squares, ls
-from pl_mc.kernels.weights import HuberWeight, Igg3Weight, TukeyWeight, WeightFunction
+from pl_mc.kernels.weights import (
+    DanishWeight,
+    HampelWeight,
+    HuberWeight,
+    Igg3Weight,
+    L1Weight,
+    TukeyWeight,
+    WeightFunction,
+)
 
 __all__ = [
+    "DanishWeight",
     "Estimate",
+    "HampelWeight",
     "HuberWeight",
     "Igg3Weight",
     "IrlsOptions",
+    "L1Weight",
     "LinearModel",
     "ProtectionLevels",
     "Start",

@@ -13,6 +13,7 @@ from pl_mc.report.guo_answers import guo_answer
 from pl_mc.report.risk_answers import risk_answer
 from pl_mc.report.run_folder import RunFolder
 from pl_mc.report.series_answers import observe_answer, readings_answer, series_answer
+from pl_mc.report.service_text import service_answer
 from pl_mc.report.sweep_answers import (
     map_answer,
     noise_answer,
@@ -21,6 +22,7 @@ from pl_mc.report.sweep_answers import (
     sweep_answer,
     variants_answer,
 )
+from pl_mc.report.time_ramps_text import time_ramps_answer
 
 ANSWERS: dict[str, Callable[[RunFolder], tuple[str, ...]]] = {
     "guo": guo_answer,
@@ -31,32 +33,36 @@ ANSWERS: dict[str, Callable[[RunFolder], tuple[str, ...]]] = {
     "risk": risk_answer,
     "satellite-ramps": satellite_ramps_answer,
     "series": series_answer,
+    "service": service_answer,
     "stanford": stanford_answer,
     "sweep": sweep_answer,
+    "time-ramps": time_ramps_answer,
     "variants": variants_answer,
 }
 
 QUESTIONS: dict[str, str] = {
+    "compare": "How often does each method alarm, mislead or miss under one ramp, and which test detects best at "
+    "one false-alarm rate?",
     "guo": "How often does each test detect a bias on the least detectable satellite, at its nominal threshold "
-    "and at "
-    "equal false-alarm rates?",
+    "and at equal false-alarm rates?",
     "map": "With a bias on every satellite in turn at every epoch, how often does each method alarm, mislead or "
     "miss?",
     "noise": "How much more often does each method alarm, mislead or miss where errors are not Gaussian, though "
     "receivers believe that they are?",
     "observe": "How large are the receiver's position errors, do the protection levels hold them, and when is "
-    "there an "
-    "alarm?",
+    "there an alarm?",
     "readings": "What the paper leaves open can be read in several ways: which reading comes near its table?",
     "risk": "How probable is misleading information or a missed detection, which fault is the worst, and which "
     "multiplier would keep the target?",
     "satellite-ramps": "With a bias on one satellite after the other, how often does each method alarm, mislead "
     "or miss?",
     "series": "With faults in windows of a series, what do the plain and the robust method make of errors, "
-    "protection "
-    "levels and alarms?",
+    "protection levels and alarms?",
+    "service": "Where on Earth, and for how much of the day, does each method serve an operation?",
     "stanford": "How do vertical error and vertical protection level lie to each other and to the alert limit?",
     "sweep": "How often does each method alarm, mislead or miss, fault by fault?",
+    "time-ramps": "How long does an error that grows on one satellite stay unseen, by tests of single epochs and "
+    "by sequential ones?",
     "variants": "Which choice within IGG-III decides how often it alarms, misleads, misses or throws out good "
     "satellites?",
 }

@@ -38,6 +38,16 @@ _CAPTIONS = (
     (r"calibration", "The multiplier that keeps a target, and its price in alarms."),
     (r"noise_models", "Rates of events under each model of the noise, beside Gaussian noise."),
     (r"exposures", "How often an event happens at least once in an exposure, by the correlation of its errors."),
+    (r"world_availability", "Share of the day with service, by method."),
+    (r"world_operations", "The same for every operation."),
+    (r"world_levels", "Vertical protection levels not exceeded in 99 % of the scenarios."),
+    (r"world_satellites", "Satellites in view."),
+    (r"world_day", "Share of the Earth's area without service over the day."),
+    (r"time_to_alert", "Error at the alarm, and its delay after the hazard begins, by the rate of the ramp."),
+    (r"late_alerts", "How often the alarm comes later than 6, 10 and 30 s after the hazard begins."),
+    (r"methods", "Rates of events by method and bias, and availability."),
+    (r"tests", "Detection rates of the tests at one false-alarm rate."),
+    (r"sky", "Ways of the satellites over one site."),
     (r"variants_(\w+)", "Every variant at the {0} geometry: rates against the bias."),
 )  # fmt: skip
 

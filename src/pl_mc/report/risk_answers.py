@@ -35,6 +35,7 @@ def _budgets(table: pd.DataFrame) -> str:
 
 
 def _multipliers(table: pd.DataFrame) -> str:
+    # Infinite bounds are those of a multiplier that two estimates disagree about.
     known = table[table.k_vertical.notna()]
     parts = []
     for method, group in known.groupby("method", sort=False):

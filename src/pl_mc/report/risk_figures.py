@@ -9,7 +9,6 @@ from matplotlib.axes import Axes
 from matplotlib.colors import LogNorm
 from matplotlib.figure import Figure
 from matplotlib.projections.polar import PolarAxes
-from scipy import stats
 
 from pl_mc.alert import AlertLimits
 from pl_mc.geometry import Geometry
@@ -332,80 +331,3 @@ def _label_sides(angle: np.ndarray, zenith: np.ndarray) -> list[tuple[int, int]]
         else:
             sides.append((0, 1 if north[k] > north[near] else -1))
     return sides
-
-
-@in_common_look
-def calibration_figure(
-    calibration: pd.DataFrame, equal_risk: pd.DataFrame, *, alert: AlertLimits, title: str
-) -> Figure:
-    """The multiplier against the target, a panel per fault, and alarms against the bias at equal risk.
-
-    Args:
-        calibration: ``method, fault, event, target, found, k_vertical, k_low, k_high, warning``.
-        equal_risk: ``method, target, k_vertical, bias_m, alarm_rate, alarm_low, alarm_high``.
-        alert: alert limits.
-        title: heading.
-    """
-    faults = list(dict.fromkeys(calibration.fault))
-    methods = list(dict.fromkeys(calibration.method))
-    figure, axes = new_figure(1, len(faults) + 1, width_in=3.9 * (len(faults) + 1) + 0.3, height_in=4.8)
-    figure.suptitle(title, x=0.01, ha="left", fontsize=11)
-    event = calibration.event.iloc[0]
-    top = calibration.k_high[np.isfinite(calibration.k_high)].max()
-    for panel, fault in zip(axes, faults, strict=False):
-        for k, method in enumerate(methods):
-            rows = calibration[(calibration.fault == fault) & (calibration.method == method)].sort_values("target")
-            style = series_style(k)
-            exact = (rows.found == _EXACT).all()
-            label = method_label(method)
-            panel.plot(
-                rows.target, rows.k_vertical, style.line, color=style.colour, linewidth=1.3,
-                marker=style.marker if exact else None, markersize=4.5, label=f"{label}, exact" if exact else None,
-            )  # fmt: skip
-            if exact:
-                continue
-            upper = rows.k_high.where(np.isfinite(rows.k_high), 1.05 * top)
-            for doubtful, fill in ((False, style.colour), (True, "white")):
-                at = (rows.warning != "") == doubtful
-                if at.any():
-                    spread = np.maximum([rows.k_vertical - rows.k_low, upper - rows.k_vertical], 0.0)[:, at]
-                    panel.errorbar(
-                        rows.target[at], rows.k_vertical[at], yerr=spread, linestyle="none", marker=style.marker,
-                        markersize=4.5, markerfacecolor=fill, color=style.colour, capsize=2.5,
-                        label=f"{label}, " + ("with a warning" if doubtful else "both bounds at 95 %"),
-                    )  # fmt: skip
-        span = np.geomspace(calibration.target.min(), calibration.target.max(), 50)
-        normal = stats.norm.isf(span / 2)
-        panel.plot(span, normal, color=_GREY, linewidth=1.0, linestyle=":", label="normal quantile")
-        panel.set_xscale("log")
-        panel.invert_xaxis()
-        panel.set(xlabel=f"target of P({event})", ylim=(0, 1.1 * top))
-        panel.set_title("fault-free" if fault == "none" else fault)
-    axes[0].set_ylabel("multiplier K of the vertical level")
-    _equal_risk_panel(axes[-1], equal_risk, alert)
-    handles, labels = axes[0].get_legend_handles_labels()
-    figure.legend(handles, labels, loc="outside lower left", ncols=4)
-    return figure
-
-
-def _equal_risk_panel(panel: Axes, rows: pd.DataFrame, alert: AlertLimits) -> None:
-    """Alarm rate against bias, with the multipliers of the largest and the smallest target."""
-    methods = list(dict.fromkeys(rows.method))
-    shared = rows.groupby("target")["method"].nunique() == len(methods)
-    targets = sorted(shared.index[shared], reverse=True) or sorted(rows.target.unique(), reverse=True)
-    for target, width in {targets[0]: 0.8, targets[-1]: 2.0}.items():
-        for k, method in enumerate(methods):
-            part = rows[(rows.method == method) & (rows.target == target)].sort_values("bias_m")
-            if part.empty:
-                continue
-            style = series_style(k)
-            spread = np.maximum([part.alarm_rate - part.alarm_low, part.alarm_high - part.alarm_rate], 0.0)
-            label = f"{method}, {target:g}: K {part.k_vertical.iloc[0]:.3g}"
-            panel.errorbar(
-                part.bias_m, part.alarm_rate, yerr=spread, linestyle=style.line, marker=style.marker,
-                markersize=3.5, color=style.colour, linewidth=width, elinewidth=1.0, label=label,
-            )  # fmt: skip
-    satellite = next((label.split(":")[0] for label in rows.fault if label != "none"), "")
-    panel.set(xlabel=f"bias on {satellite} [m]", ylabel=f"P(alarm), VAL {alert.vertical_m:g} m", ylim=(-0.03, 1.05))
-    panel.set_title("Alarms at equal risk")
-    panel.legend(loc="center right", bbox_to_anchor=(1.0, 0.3), fontsize=7.5)

@@ -28,6 +28,8 @@ class RiskTables:
     worst: pd.DataFrame
     budgets: pd.DataFrame
     calibration: pd.DataFrame
+    multiplier_curves: pd.DataFrame = field(default_factory=pd.DataFrame)
+    pairs: pd.DataFrame = field(default_factory=pd.DataFrame)
     equal_risk: pd.DataFrame = field(default_factory=pd.DataFrame)
 
 
@@ -77,7 +79,10 @@ def risk_summary(
         _calibration_text(tables.calibration),
         "",
         f"K: the best value; bounds each at {100 * confidence:g} %: the upper one keeps the target, the lower one "
-        "does not. alarms: at the upper bound, under the fault of the row.",
+        "does not. alarms: at the upper bound, under the fault of the row. rare events: from the curve of P "
+        "against K that subset simulation gives; check: P at the best value by importance sampling with other "
+        "random numbers. (!): with a warning; no K where the two disagree.",
+        *_checks(tables.calibration),
         "",
         "## Alarms at equal risk",
         "",
@@ -87,6 +92,8 @@ def risk_summary(
         "",
         _equal_text(tables.equal_risk),
     ]
+    if len(tables.pairs):
+        lines += ["", "## The worst pairs", "", *_pair_text(tables.pairs)]
     if len(tables.budgets):
         lines += ["", "## Risk budgets", "", *_budget_text(tables.budgets)]
     warned = [
@@ -138,12 +145,18 @@ def _proven(tables: RiskTables, method: Method, confidence: float) -> list[str]:
                     f"{seen.high.max():.2g}."
                 )
     rows = tables.calibration[tables.calibration.method == method.name]
-    for fault, group in rows.groupby("fault", sort=False):
+    for asked, group in rows.groupby("asked", sort=False):
         last = group.loc[group.target.idxmin()]
-        where = "fault-free" if fault == "none" else f"under {fault}"
+        own = "" if last.fault == asked else f" ({last.fault})"
+        where = "fault-free" if asked == "none" else f"under {asked}{own}"
         found = "exactly" if last.found == _EXACT else f"{last.found}, each bound at {100 * confidence:g} %"
         doubt = f"; in doubt: {last.warning}" if last.warning else ""
         rarer = "; smaller targets were not sought" if last.target > tables.calibration.target.min() else ""
+        if np.isnan(last.k_vertical):
+            said.append(
+                f"{what}: no multiplier is known for P({last.event}) of {last.target:g}, {where}{doubt}{rarer}."
+            )
+            continue
         said.append(
             f"{what}: for P({last.event}) of {last.target:g} per sample, {where}, K has to be {_k_text(last)} "
             f"({found}){doubt}{rarer}."
@@ -154,6 +167,8 @@ def _proven(tables: RiskTables, method: Method, confidence: float) -> list[str]:
 def _k_text(row: Any) -> str:
     if row.found == _EXACT:
         return f"{row.k_vertical:.4g}"
+    if np.isnan(row.k_vertical):
+        return "no number"
     return f"{row.k_vertical:.4g} [{row.k_low:.4g}, {row.k_high:.4g}]"
 
 
@@ -185,8 +200,8 @@ def _worst_text(worst: pd.DataFrame) -> str:
 def _calibration_text(calibration: pd.DataFrame) -> str:
     methods = list(dict.fromkeys(calibration.method))
     rows = []
-    for (fault, target), group in calibration.groupby(["fault", "target"], sort=False):
-        cells = [str(fault), f"{target:g}"]
+    for (asked, target), group in calibration.groupby(["asked", "target"], sort=False):
+        cells = [str(asked), f"{target:g}"]
         for method in methods:
             part = group[group.method == method]
             if part.empty:
@@ -194,7 +209,8 @@ def _calibration_text(calibration: pd.DataFrame) -> str:
                 continue
             row = part.iloc[0]
             mark = " (!)" if row.warning else ""
-            cells += [_k_text(row) + mark, row.found, _alarms(row)]
+            own = "" if row.fault == asked else f", {row.fault}"
+            cells += [_k_text(row) + mark, f"{row.found}{own}", _alarms(row)]
         rows.append(cells)
     header = ["fault", "target"]
     for method in methods:
@@ -202,9 +218,48 @@ def _calibration_text(calibration: pd.DataFrame) -> str:
     return markdown_table(header, rows)
 
 
+def _checks(calibration: pd.DataFrame) -> list[str]:
+    """What the second estimator says of every multiplier that comes from a curve, and what is in doubt."""
+    rows = calibration[(calibration.check_probability > 0) | (calibration.warning != "")]
+    lines = []
+    for row in rows.itertuples():
+        if row.check_probability > 0 and not np.isnan(row.k_vertical):
+            text = f"P {risk_text(row.check_probability, row.check_low, row.check_high)} at K {row.k_vertical:.4g}"
+        else:
+            text = "no multiplier"
+        doubt = f" (!) {row.warning}" if row.warning else ""
+        lines.append(f"- check, {row.method}, {row.fault}, target {row.target:g}: {text}.{doubt}")
+    return ["", *lines] if lines else []
+
+
+def _pair_text(pairs: pd.DataFrame) -> list[str]:
+    """The few worst pairs of each method and event."""
+    rows = []
+    for (event, method), group in pairs.groupby(["event", "method"], sort=False):
+        known = group[group.probability.notna()].head(3)
+        for row in known.itertuples():
+            exact = row.low == row.high
+            rows.append(
+                [
+                    str(event), str(method), row.satellites, f"{row.bias_1_m:.1f}, {row.bias_2_m:.1f}",
+                    risk_text(row.probability, row.low, row.high, exact=exact),
+                    "exact" if exact else f"{int(row.evaluations):,} scenarios, {len(group)} pairs",
+                ]
+            )  # fmt: skip
+    table = markdown_table(["event", "method", "pair", "biases [m]", "probability", "found"], rows)
+    note = (
+        "Least squares is exact. For other methods every pair is screened by the limit state of 1024 draws, the "
+        "best of them by small populations of subset simulation, and the three best estimated with noise of their "
+        "own; a worse fault may have been passed over."
+    )
+    return [table, "", note]
+
+
 def _alarms(row: Any) -> str:
     if row.found == _EXACT:
         return _rate(row.alarm_rate_after)
+    if np.isnan(row.k_vertical):
+        return ""
     if row.alarm_rate_after == 0:
         return f"0 (< {percent(row.alarm_rate_after_high)} %)"
     low, high = percent(row.alarm_rate_after_low), percent(row.alarm_rate_after_high)

@@ -1,0 +1,82 @@
+"""How the site is built (Sphinx): pages in Markdown, the reference from docstrings, nothing fetched from elsewhere.
+
+Formulas become MathML, which browsers draw by themselves, so that no page needs a script or a font of another site.
+"""
+
+from __future__ import annotations
+
+import re
+from typing import Any
+
+from docutils import nodes
+from docutils.utils.math.latex2mathml import tex2mathml
+
+import pl_mc
+
+project = "pl_mc"
+author = "The pl_mc authors"
+copyright = "The pl_mc authors, MIT licence"
+version = release = pl_mc.__version__
+
+extensions = ["myst_parser", "sphinx.ext.autodoc", "sphinx.ext.napoleon"]
+exclude_patterns = ["_build"]
+
+myst_enable_extensions = ["dollarmath"]
+myst_heading_anchors = 3
+
+# Docstrings name things in single quotes, as in `pl_mc.sweep`: a link where the reference has it, else plain code.
+default_role = "py:obj"
+add_module_names = False
+autodoc_member_order = "bysource"
+autodoc_typehints = "signature"
+autodoc_typehints_format = "short"
+# Left as they are written: what they stand for fills lines.
+autodoc_type_aliases = {name: name for name in ("ArrayLike", "NDArray", "FloatArray")}
+autodoc_preserve_defaults = True
+python_maximum_signature_line_length = 88
+napoleon_numpy_docstring = False
+napoleon_use_ivar = True
+napoleon_use_rtype = False
+# Types stand in the signature already.
+napoleon_attr_annotations = False
+
+html_theme = "furo"
+html_static_path = ["_static"]
+html_css_files = ["formulas.css"]
+html_title = f"pl_mc {version}"
+html_show_sphinx = False
+html_copy_source = False
+html_math_renderer = "mathml"
+
+
+def _inline(self: Any, node: nodes.math) -> None:
+    self.body.append(tex2mathml(node.astext(), as_block=False))
+    raise nodes.SkipNode
+
+
+def _block(self: Any, node: nodes.math_block) -> None:
+    self.body.append(f'<div class="math">{tex2mathml(node.astext(), as_block=True)}</div>\n')
+    raise nodes.SkipNode
+
+
+def _bars(app: Any, what: str, name: str, obj: Any, options: Any, lines: list[str]) -> None:
+    """Bars in docstrings are absolute values, not substitutions, wherever they are not code."""
+    for place, line in enumerate(lines):
+        parts = line.split("``")
+        parts[::2] = [part.replace("|", r"\|") for part in parts[::2]]
+        lines[place] = "``".join(parts)
+
+
+def _names(
+    app: Any, what: str, name: str, obj: Any, options: Any, signature: str | None, returns: str | None
+) -> Any:
+    """Signatures with the names of types, where Sphinx shows how it keeps them."""
+    return tuple(text and re.sub(r"TypeAliasForwardRef\('(\w+)'\)", r"\1", text) for text in (signature, returns))
+
+
+def setup(app: Any) -> dict[str, bool]:
+    """Register the drawing of formulas and the reading of docstrings."""
+    app.connect("autodoc-process-docstring", _bars)
+    app.connect("autodoc-process-signature", _names)
+    app.add_html_math_renderer("mathml", (_inline, None), (_block, None))
+    return {"parallel_read_safe": True, "parallel_write_safe": True}

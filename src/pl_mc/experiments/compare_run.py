@@ -1,0 +1,218 @@
+"""Experiments of the kind ``compare``: many methods under one ramp, and their tests at one false-alarm rate.
+
+An alarm rate under a fault says nothing without the false-alarm rate beside it. So methods are counted twice: as
+they are by default, with what they do without a fault beside; and those that test once more with settings for the
+same false-alarm rate, which is measured before anything is compared.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Annotated, Any, Literal
+
+import numpy as np
+import pandas as pd
+from pydantic import Field
+
+from pl_mc.alert import AlertLimits
+from pl_mc.engine import Execution, run_sweep, sample
+from pl_mc.experiments.common import Experiment, MethodChoice, SimulatedGeometry, Strict
+from pl_mc.experiments.output import write_table
+from pl_mc.experiments.sweep_run import RampFaults
+from pl_mc.experiments.sweeps import PlannedSweep
+from pl_mc.faults import no_fault
+from pl_mc.geometry import Geometry
+from pl_mc.input_errors import InputError
+from pl_mc.methods import METHODS, Method, as_methods, method
+from pl_mc.report.compare_methods_figures import EqualTables, comparison_figure, equal_figure
+from pl_mc.report.compare_methods_text import compare_summary
+from pl_mc.report.figures import save_figure
+from pl_mc.statistics.intervals import binomial_p_value, clopper_pearson
+
+EVENTS_COMPARED = ("alarm", "missed", "misleading", "hazard")
+
+# A measured false-alarm rate is another one than p_fa where a test at this level, shared by all tests, says so.
+_LEVEL = 0.05
+
+
+class EqualTests(Strict):
+    """Methods with a test, set for the same false-alarm rate.
+
+    Attributes:
+        p_fa: false-alarm probability of the tests that give none of their own.
+        draws: noise draws for each fault and for the fault-free case.
+        faults: a ramp on one satellite.
+        methods: the methods, each with a test.
+    """
+
+    p_fa: float = Field(default=1e-3, gt=0, lt=1)
+    draws: int = Field(ge=1)
+    faults: RampFaults
+    methods: Annotated[tuple[MethodChoice, ...], Field(min_length=1)]
+
+    def records(self) -> tuple[Method, ...]:
+        """The methods, made records; an `InputError` for one that has no ``p_fa``."""
+        able = [
+            name for name, cls in METHODS.items() if "p_fa" in [field.name for field in dataclasses.fields(cls)]
+        ]
+        made = []
+        for choice in self.methods:
+            options: dict[str, Any] = dict(choice.model_extra or {})
+            if choice.name in METHODS and choice.name not in able:
+                raise InputError(
+                    f"equal.methods: {choice.name} has no test with a false-alarm probability (methods that have: "
+                    f"{', '.join(able)})."
+                )
+            made.append(method(choice.name, **({"p_fa": self.p_fa} | options)))
+        return as_methods(made)
+
+
+class CompareExperiment(Experiment):
+    """All methods under one ramp, and tests once more at one false-alarm rate.
+
+    Attributes:
+        draws: noise draws for each fault and for the fault-free case, the same for all methods.
+        faults: a ramp on one satellite; the fault-free case is always there.
+        equal: tests at one false-alarm rate; left out unless given.
+    """
+
+    kind: Literal["compare"] = "compare"
+    draws: int = Field(ge=1)
+    geometry: SimulatedGeometry
+    faults: RampFaults
+    equal: EqualTests | None = None
+
+
+@dataclass(frozen=True)
+class EqualSweep(PlannedSweep):
+    """The sweep of the tests at one false-alarm rate, which are not the experiment's methods."""
+
+    methods: tuple[Method, ...] = ()
+
+    def run(self, experiment: Experiment, execution: Execution) -> pd.DataFrame:
+        return run_sweep(
+            self.g,
+            self.faults,
+            draws=self.draws,
+            seed=experiment.seed,
+            methods=self.methods,
+            alert=experiment.alert_limits(),
+            precision=experiment.precision,
+            noise=self.noise,
+            execution=execution.inside(self.name),
+        )
+
+
+def sweeps(experiment: CompareExperiment) -> tuple[PlannedSweep, ...]:
+    """The sweeps of the experiment: all methods, and the tests at one false-alarm rate if they are asked for."""
+    return _planned(experiment)[0]
+
+
+def _planned(experiment: CompareExperiment) -> tuple[tuple[PlannedSweep, ...], tuple[str, ...]]:
+    g = experiment.geometry.build()
+    if g.is_series:
+        raise InputError("geometry.epoch: this kind of experiment needs one epoch.")
+    faults, notes = experiment.faults.build(g)
+    planned = [PlannedSweep("all", g, no_fault(g) + faults, experiment.draws)]
+    if experiment.equal is not None:
+        smaller, _ = experiment.equal.faults.build(g)
+        records, draws = experiment.equal.records(), experiment.equal.draws
+        planned.append(EqualSweep("equal", g, no_fault(g) + smaller, draws, methods=records))
+    return tuple(planned), notes
+
+
+def run(experiment: CompareExperiment, folder: Path, *, execution: Execution) -> tuple[str, tuple[str, ...]]:
+    """Write ``rates``, ``overview``, ``equal_rates`` and ``equal.csv`` with figures.
+
+    Returns:
+        The summary in Markdown, and notes.
+    """
+    planned, notes = _planned(experiment)
+    g, alert, title = planned[0].g, experiment.alert_limits(), experiment.title
+    rates = planned[0].run(experiment, execution)
+    overview = overview_table(rates, fault_free_table(g, experiment.method_records(), experiment, alert))
+    write_table(rates, folder, "rates")
+    write_table(overview, folder, "overview")
+    save_figure(comparison_figure(rates, overview, alert=alert, title=title), folder, "methods")
+    tests = None
+    if experiment.equal is not None:
+        p_fa = experiment.equal.p_fa
+        counted = planned[1].run(experiment, execution)
+        tests = EqualTables(rates=counted, tests=equal_table(counted, p_fa), p_fa=p_fa)
+        write_table(counted, folder, "equal_rates")
+        write_table(tests.tests, folder, "equal")
+        save_figure(equal_figure(tests, alert=alert, title=title), folder, "tests")
+    summary = compare_summary(rates, overview, tests, g, title=title, alert=alert, seed=experiment.seed)
+    return summary, (*notes, *rates.attrs["notes"])
+
+
+def fault_free_table(
+    g: Geometry, methods: tuple[Method, ...], experiment: CompareExperiment, alert: AlertLimits
+) -> pd.DataFrame:
+    """What methods say where nothing is wrong, draw by draw of the sweep's own noise.
+
+    Returns:
+        ``method, draws, within`` (both levels within their alert limits), the share with its bounds, and quantiles
+        of the levels [m].
+    """
+    outcomes = sample(
+        g, no_fault(g), draws=experiment.draws, seed=experiment.seed, methods=methods, alert=alert,
+        precision=experiment.precision,
+    )  # fmt: skip
+    rows = []
+    for name, group in outcomes.groupby("method", sort=False):
+        # Missing levels, those of an unavailable solution, are within nothing.
+        within = (group.vpl_m <= alert.vertical_m) & (group.hpl_m <= alert.horizontal_m)
+        low, high = clopper_pearson(int(within.sum()), len(group))
+        row: dict[str, object] = {
+            "method": name,
+            "draws": len(group),
+            "within": int(within.sum()),
+            "availability": float(within.mean()),
+            "availability_low": float(low),
+            "availability_high": float(high),
+        }
+        for level in ("vpl", "hpl"):
+            known = group[f"{level}_m"].dropna()
+            for percent in (50, 95):
+                row[f"{level}_{percent}_m"] = known.quantile(percent / 100) if len(known) else np.nan
+        rows.append(row)
+    return pd.DataFrame(rows)
+
+
+def overview_table(rates: pd.DataFrame, fault_free: pd.DataFrame) -> pd.DataFrame:
+    """One row per method: fault-free alarms, availability and levels, and each event at the bias that is worst.
+
+    Args:
+        rates: of a sweep whose first fault is none.
+        fault_free: see `fault_free_table`.
+    """
+    rows = []
+    for name, group in rates.groupby("method", sort=False):
+        nothing, faulted = group[group.fault == "none"].iloc[0], group[group.fault != "none"]
+        row: dict[str, object] = {"method": name}
+        row |= {
+            f"fault_free_{event}_{part}": nothing[f"{event}_{part}"]
+            for event in ("alarm", "misleading")
+            for part in ("rate", "low", "high")
+        }
+        for event in EVENTS_COMPARED[1:]:
+            worst = faulted.loc[faulted[f"{event}_rate"].idxmax()]
+            row[f"{event}_bias_m"] = worst.bias_m if worst[f"{event}_rate"] > 0 else np.nan
+            row |= {f"{event}_{part}": worst[f"{event}_{part}"] for part in ("rate", "low", "high")}
+        rows.append(row)
+    return pd.DataFrame(rows).merge(fault_free, on="method", how="left", sort=False)
+
+
+def equal_table(rates: pd.DataFrame, p_fa: float) -> pd.DataFrame:
+    """One row per test: its measured false alarms, and whether they fit the rate that all were set to.
+
+    ``fits``: an exact binomial test does not reject p_fa at a level of 5 % for all tests together.
+    """
+    nothing = rates[rates.fault == "none"]
+    table = nothing[["method", "draws", "alarms", "alarm_rate", "alarm_low", "alarm_high"]].reset_index(drop=True)
+    table["p_value"] = binomial_p_value(table.alarms, table.draws, np.full(len(table), p_fa))
+    table["fits"] = table.p_value >= _LEVEL / len(table)
+    return table

@@ -1,0 +1,27 @@
+"""Tukey's biweight with rebuilt protection levels."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import ClassVar
+
+from pl_mc.kernels.weights import TukeyWeight
+from pl_mc.methods.reweighted import Reweighted
+
+
+@dataclass(frozen=True)
+class Tukey(Reweighted):
+    """Weights (1 - (u / c)^2)^2 up to c, zero beyond (Beaton & Tukey 1974); levels: see `pl_mc.methods.reweighted`.
+
+    Attributes:
+        c: standardised residual where the weight reaches zero; 4.685 keeps 95 % of the efficiency of least
+            squares under normal errors.
+    """
+
+    c: float = 4.685
+
+    key: ClassVar[str] = "tukey"
+
+    @property
+    def weight(self) -> TukeyWeight:
+        return TukeyWeight(self.c)

@@ -1,0 +1,238 @@
+"""Counts of service by site, method and operation, and the tables that they make."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+import pandas as pd
+from numpy.typing import NDArray
+
+from pl_mc.alert import AlertLimits
+from pl_mc.service.continuity import Duration, continuity, joined, run_counts
+from pl_mc.service.grid import WorldGrid
+from pl_mc.statistics.intervals import clopper_pearson, shared_noise_bounds
+
+FloatArray = NDArray[np.float64]
+
+# Shares of the time at which levels are told: a level that is not exceeded half of it, and 99 % of it.
+QUANTILES = (("50", 0.50), ("99", 0.99))
+
+# Availability from which a place counts as covered.
+COVERED = 0.995
+
+
+@dataclass
+class ServiceCounts:
+    """Counts that grow batch by batch.
+
+    Attributes:
+        available: (sites, methods, operations), scenarios with service.
+        scenarios: (methods,), scenarios at each site: epochs times draws, or epochs where one draw tells all.
+        exact: (methods,), whether the levels depend on the geometry alone.
+        may_lose, may_gain: (sites, methods, operations), for such methods: epochs whose following step holds a loss
+            or a gain of service at an unknown moment; that after the last epoch may hold either.
+        by_epoch: (epochs, methods, operations), share of the Earth's area with service, mean over draws.
+        runs: by j, starts and stays (sites, methods, operations) of `run_counts`.
+        levels_m: (sites, methods, 2, quantiles), HPL and VPL that are not exceeded in shares of the scenarios [m].
+    """
+
+    available: NDArray[np.int64]
+    scenarios: NDArray[np.int64]
+    exact: NDArray[np.bool_]
+    may_lose: NDArray[np.int64]
+    may_gain: NDArray[np.int64]
+    by_epoch: FloatArray
+    runs: dict[int, tuple[NDArray[np.int64], NDArray[np.int64]]]
+    levels_m: FloatArray
+
+    @classmethod
+    def of(
+        cls, sites: int, epochs: int, draws: int, exact: Sequence[bool], operations: int,
+        durations: Sequence[Duration],
+    ) -> ServiceCounts:  # fmt: skip
+        """Nothing counted yet; ``exact`` by method: a single draw tells all."""
+        shape = (sites, len(exact), operations)
+        wanted = sorted({j for one in durations for j in one.runs})
+        return cls(
+            available=np.zeros(shape, dtype=np.int64),
+            scenarios=epochs * np.where(exact, 1, draws).astype(np.int64),
+            exact=np.asarray(exact, dtype=bool),
+            may_lose=np.zeros(shape, dtype=np.int64),
+            may_gain=np.zeros(shape, dtype=np.int64),
+            by_epoch=np.zeros((epochs, *shape[1:])),
+            runs={j: (np.zeros(shape, dtype=np.int64), np.zeros(shape, dtype=np.int64)) for j in wanted},
+            levels_m=np.full((sites, len(exact), 2, len(QUANTILES)), np.inf),
+        )
+
+    def add(
+        self,
+        sites: slice,
+        weight: FloatArray,
+        levels: Sequence[tuple[FloatArray, FloatArray]],
+        operations: Sequence[AlertLimits],
+    ) -> None:
+        """Count the levels (sites, epochs, draws) of some sites, HPL and VPL of each method."""
+        for m, (hpl, vpl) in enumerate(levels):
+            for part, level in enumerate((hpl, vpl)):
+                flat = level.reshape(len(level), -1)
+                # Of the levels themselves: between a number and infinity there is nothing to interpolate.
+                shares = [share for _, share in QUANTILES]
+                self.levels_m[sites, m, part] = np.quantile(flat, shares, axis=1, method="inverted_cdf").T
+            for o, limits in enumerate(operations):
+                serves = (hpl <= limits.horizontal_m) & (vpl <= limits.vertical_m)
+                self.available[sites, m, o] = serves.sum(axis=(1, 2))
+                self.by_epoch[:, m, o] += weight @ serves.mean(axis=2)
+                if self.exact[m]:
+                    now, then = serves[:, :-1, 0], serves[:, 1:, 0]
+                    self.may_lose[sites, m, o] = (now & ~then).sum(axis=1) + serves[:, -1, 0]
+                    self.may_gain[sites, m, o] = (~now & then).sum(axis=1) + ~serves[:, -1, 0]
+                for j, (started, stayed) in self.runs.items():
+                    started[sites, m, o], stayed[sites, m, o] = run_counts(serves, j)
+
+    def availability_bounds(self, m: int, o: int) -> tuple[FloatArray, FloatArray]:
+        """(sites,), bounds of the availability of a method for an operation.
+
+        With noise: 95 % bounds after Clopper and Pearson over the draws at these epochs (draws of different epochs
+        have different rates, which makes their sum vary less than that of equal ones, so the bounds are wide
+        enough). Without noise an epoch stands for the step after it, in which service may change once, at an
+        unknown moment: it is the share of the time within these bounds, if no outage lies between two epochs.
+        """
+        available, scenarios = self.available[:, m, o], int(self.scenarios[m])
+        if not self.exact[m]:
+            return clopper_pearson(available, scenarios)
+        low = (available - self.may_lose[:, m, o]) / scenarios
+        return low, (available + self.may_gain[:, m, o]) / scenarios
+
+
+def weighted_rate(weight: FloatArray, events: NDArray, trials: NDArray) -> tuple[float, float, float]:
+    """Area-weighted rate over sites and its 95 % bounds; NaN, 0 and 1 without trials.
+
+    Bounds are those of as many independent trials as have the variance of the weighted mean (Kish's effective
+    number), as `pl_mc.statistics.intervals.shared_noise_bounds` takes them.
+
+    Args:
+        weight: (sites,), of each trial at a site.
+        events, trials: (sites,).
+    """
+    total = float(weight @ trials)
+    if total == 0.0:
+        return float("nan"), 0.0, 1.0
+    rate = min(float(weight @ events) / total, 1.0)
+    effective = np.floor(total**2 / float(weight**2 @ trials) * (1.0 + 1e-12))
+    low, high = shared_noise_bounds(rate, effective)
+    return rate, float(low), float(high)
+
+
+def site_table(
+    counts: ServiceCounts, grid: WorldGrid, methods: Sequence[str], operations: Sequence[str],
+    durations: Sequence[Duration],
+) -> pd.DataFrame:  # fmt: skip
+    """One row per site, method and operation: availability and continuity with counts and bounds."""
+    sites = len(grid)
+    parts = []
+    for m, method in enumerate(methods):
+        for o, operation in enumerate(operations):
+            available, scenarios = counts.available[:, m, o], int(counts.scenarios[m])
+            low, high = counts.availability_bounds(m, o)
+            columns: dict[str, object] = {
+                "site": np.arange(sites),
+                "latitude_deg": grid.latitude_deg,
+                "longitude_deg": grid.longitude_deg,
+                "method": method,
+                "operation": operation,
+                "scenarios": scenarios,
+                "available": available,
+                "availability_rate": available / scenarios,
+                "availability_low": low,
+                "availability_high": high,
+            }
+            here = {j: (started[:, m, o], stayed[:, m, o]) for j, (started, stayed) in counts.runs.items()}
+            for duration in durations:
+                last = duration.runs[-1]
+                value, below, above = continuity(duration, here)
+                columns |= {
+                    f"started_{duration.label}": here[last][0],
+                    f"stayed_{duration.label}": here[last][1],
+                    f"continuity_{duration.label}_rate": value,
+                    f"continuity_{duration.label}_low": below,
+                    f"continuity_{duration.label}_high": above,
+                }
+            parts.append(pd.DataFrame(columns))
+    return pd.concat(parts, ignore_index=True)
+
+
+def world_table(
+    counts: ServiceCounts, grid: WorldGrid, methods: Sequence[str], operations: Sequence[str],
+    durations: Sequence[Duration],
+) -> pd.DataFrame:  # fmt: skip
+    """One row per method and operation, over the whole Earth: area-weighted rates, coverage, the worst site.
+
+    ``coverage``: share of the area of sites whose availability is `COVERED` or more; its bounds are the shares of
+    sites whose lower and whose upper bound is.
+    """
+    weight = grid.weight
+    rows = []
+    for m, method in enumerate(methods):
+        for o, operation in enumerate(operations):
+            available = counts.available[:, m, o]
+            trials = np.full(len(grid), counts.scenarios[m])
+            rate, low, high = weighted_rate(weight, available, trials)
+            by_site = available / trials
+            lowest, highest = counts.availability_bounds(m, o)
+            if counts.exact[m]:
+                low, high = float(weight @ lowest), min(float(weight @ highest), 1.0)
+            worst = int(np.argmin(by_site))
+            row: dict[str, object] = {
+                "method": method,
+                "operation": operation,
+                "scenarios": int(trials.sum()),
+                "available": int(available.sum()),
+                "availability_rate": rate,
+                "availability_low": low,
+                "availability_high": high,
+                "coverage_sites": int((by_site >= COVERED).sum()),
+                "sites": len(grid),
+                "coverage_rate": float(weight @ (by_site >= COVERED)),
+                "coverage_low": float(weight @ (lowest >= COVERED)),
+                "coverage_high": float(weight @ (highest >= COVERED)),
+                "worst_rate": float(by_site[worst]),
+                "worst_latitude_deg": float(grid.latitude_deg[worst]),
+                "worst_longitude_deg": float(grid.longitude_deg[worst]),
+            }
+            for duration in durations:
+                rates = {
+                    j: tuple(
+                        np.asarray(part)
+                        for part in weighted_rate(weight, counts.runs[j][1][:, m, o], counts.runs[j][0][:, m, o])
+                    )
+                    for j in duration.runs
+                }
+                started, stayed = (part[:, m, o] for part in counts.runs[duration.runs[-1]])
+                value, below, above = joined(duration, rates)
+                row |= {
+                    f"started_{duration.label}": int(started.sum()),
+                    f"stayed_{duration.label}": int(stayed.sum()),
+                    f"continuity_{duration.label}_rate": float(value),
+                    f"continuity_{duration.label}_low": float(below),
+                    f"continuity_{duration.label}_high": float(above),
+                }
+            rows.append(row)
+    return pd.DataFrame(rows)
+
+
+def level_table(counts: ServiceCounts, grid: WorldGrid, methods: Sequence[str]) -> pd.DataFrame:
+    """One row per site and method: levels not exceeded in 50 % and in 99 % of the scenarios [m]."""
+    parts = []
+    for m, method in enumerate(methods):
+        columns: dict[str, object] = {
+            "site": np.arange(len(grid)),
+            "latitude_deg": grid.latitude_deg,
+            "longitude_deg": grid.longitude_deg,
+            "method": method,
+        }
+        for part, level in enumerate(("hpl", "vpl")):
+            columns |= {f"{level}_{q}_m": counts.levels_m[:, m, part, k] for k, (q, _) in enumerate(QUANTILES)}
+        parts.append(pd.DataFrame(columns))
+    return pd.concat(parts, ignore_index=True)

@@ -1,0 +1,151 @@
+"""Protection levels of many geometries: one compiled call for a batch, and ARAIM from its own batched function."""
+
+from __future__ import annotations
+
+import functools
+from collections.abc import Callable, Sequence
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+from jax import Array
+from numpy.typing import NDArray
+
+from pl_mc.araim.levels import protection_levels as araim_levels
+from pl_mc.engine.compiling import compiler_options
+from pl_mc.engine.noise import LANES, epoch_key, unit_noise
+from pl_mc.geometry.record import POSITION_UNKNOWNS
+from pl_mc.host.precision import dtype_of, precision_scope
+from pl_mc.kernels import LinearModel, Start, linear_model
+from pl_mc.kernels.linear_model import product
+from pl_mc.methods import Araim, MaxDop, Method, Nioraim, RangeComparison, Sbas, Slope
+from pl_mc.service.sky import Geometries
+
+FloatArray = NDArray[np.float64]
+
+# Methods whose levels are those of `prepare`: whatever the errors are.
+_GEOMETRY_ALONE = (Araim, MaxDop, Nioraim, RangeComparison, Sbas, Slope)
+
+
+def levels_from_geometry(method: Method) -> bool:
+    """Whether the levels of a method depend on the geometry alone, so that one draw tells all.
+
+    A method of another package says so by an attribute ``levels_from_geometry``.
+    """
+    return bool(getattr(method, "levels_from_geometry", isinstance(method, _GEOMETRY_ALONE)))
+
+
+def levels_of_batch(
+    batch: Geometries,
+    numbers: NDArray[np.int64],
+    methods: Sequence[Method],
+    *,
+    draws: int,
+    seed: int,
+    precision: str,
+) -> list[tuple[FloatArray, FloatArray]]:
+    """HPL and VPL (g, draws) of each method [m], infinite where it has no solution.
+
+    One column, (g, 1), for methods whose levels depend on the geometry alone. Noise is that of a sweep of the same
+    seed over epochs of these numbers.
+
+    Args:
+        batch: the geometries, of one shape in every call.
+        numbers: (g,), number of each geometry, which chooses its noise.
+        methods: the methods.
+        draws: noise draws for each geometry.
+        seed: chooses the noise.
+        precision: ``float64`` or ``float32``; ARAIM is always in double precision.
+    """
+    noisy = tuple(method for method in methods if not levels_from_geometry(method))
+    quiet = tuple(m for m in methods if levels_from_geometry(m) and not isinstance(m, Araim))
+    found: dict[str, tuple[FloatArray, FloatArray]] = {}
+    if noisy or quiet:
+        dtype = dtype_of(precision)
+        with precision_scope(precision):
+            levels = _compiled()(
+                jnp.asarray(batch.design, dtype),
+                jnp.asarray(batch.sigma_m, dtype),
+                jnp.asarray(batch.in_view),
+                jnp.asarray(numbers, np.uint32),
+                np.uint32(seed),
+                noisy=noisy,
+                quiet=quiet,
+                draws=draws,
+            )
+            for method, pair in zip((*noisy, *quiet), levels, strict=True):
+                found[method.name] = np.asarray(pair[0], dtype=float), np.asarray(pair[1], dtype=float)
+    for method in methods:
+        if isinstance(method, Araim):
+            found[method.name] = _araim(batch, method)
+    return [found[method.name] for method in methods]
+
+
+@functools.cache
+def _compiled() -> Callable[..., list[tuple[Array, Array]]]:
+    return jax.jit(_levels, static_argnames=("noisy", "quiet", "draws"), compiler_options=compiler_options())
+
+
+def _levels(
+    design: Array,
+    sigma_m: Array,
+    in_view: Array,
+    numbers: Array,
+    seed: Array,
+    *,
+    noisy: tuple[Method, ...],
+    quiet: tuple[Method, ...],
+    draws: int,
+) -> list[tuple[Array, Array]]:
+    def one(geometry: tuple[Array, Array, Array, Array]) -> list[tuple[Array, Array]]:
+        rows, sigma, seen, number = geometry
+        # A satellite has one clock.
+        model = linear_model(rows, sigma, seen, clocks_apart=True)
+        pairs = []
+        if noisy:
+            key = epoch_key(seed, number)
+            blocks = [
+                unit_noise(key, jnp.asarray(block, jnp.int32), rows.shape[0], rows.dtype)
+                for block in range(-(-draws // LANES))
+            ]
+            noise = jnp.concatenate(blocks, axis=1)[:, :draws] * model.in_view[:, None]
+            pairs += _pairs(noisy, model, noise)
+        return pairs + (_pairs(quiet, model, jnp.zeros_like(sigma)[:, None]) if quiet else [])
+
+    return jax.lax.map(one, (design, sigma_m, in_view, numbers))
+
+
+def _pairs(methods: tuple[Method, ...], model: LinearModel, noise: Array) -> list[tuple[Array, Array]]:
+    state = product(model.gain, noise)
+    residuals = noise - product(model.design, state)
+    start = Start(residuals=residuals, state=state, square_sum=jnp.sum(residuals * residuals, axis=0))
+    outcomes = [method.solve(model, method.prepare(model), start) for method in methods]
+    return [
+        (jnp.where(one.available, one.hpl_m, jnp.inf), jnp.where(one.available, one.vpl_m, jnp.inf))
+        for one in outcomes
+    ]
+
+
+def _araim(batch: Geometries, method: Araim) -> tuple[FloatArray, FloatArray]:
+    """The levels of `pl_mc.araim`, with the sigma of the model as that of the integrity model."""
+    variance = batch.sigma_m**2
+    letters = sorted(set(np.unique(batch.systems).tolist()) - {""})
+    unknowns = POSITION_UNKNOWNS + (batch.design[..., POSITION_UNKNOWNS:] != 0).any(axis=1).sum(axis=1)
+    if not letters:
+        nothing = np.full((len(variance), 1), np.inf)
+        return nothing, nothing
+    levels = araim_levels(
+        batch.design,
+        variance,
+        method.accuracy_ratio**2 * variance,
+        batch.systems.tolist(),
+        method.b_nom_m,
+        method.p_sat,
+        dict.fromkeys(letters, method.p_const),
+        method.budget,
+        method.unmonitored,
+        in_view=batch.in_view,
+    )
+    # A solution without redundancy counts as none, as for every method.
+    sound = levels.available & (batch.in_view.sum(axis=1) > unknowns)
+    return np.where(sound, levels.hpl_m, np.inf)[:, None], np.where(sound, levels.vpl_m, np.inf)[:, None]

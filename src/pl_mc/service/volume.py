@@ -1,0 +1,248 @@
+"""Service volume: availability and continuity of operations over a grid of users and a day."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
+from datetime import datetime
+from typing import Any
+
+import numpy as np
+import pandas as pd
+from numpy.typing import NDArray
+
+from pl_mc.alert import LPV_200, OPERATIONS, AlertLimits
+from pl_mc.engine.checks import LARGEST_SEED
+from pl_mc.error_models import ErrorModel, as_error_model
+from pl_mc.geometry.constellations import constellation_slots
+from pl_mc.geometry.gps_time import gps_seconds
+from pl_mc.host.precision import dtype_of
+from pl_mc.host.progress import progress_bar
+from pl_mc.host.threads import cores, in_order
+from pl_mc.input_errors import InputError, require_choice, require_number, require_positive, require_whole
+from pl_mc.methods import Araim, Method, as_methods
+from pl_mc.service.continuity import as_durations
+from pl_mc.service.counting import ServiceCounts, level_table, site_table, world_table
+from pl_mc.service.grid import WorldGrid, world_grid
+from pl_mc.service.levels import levels_from_geometry, levels_of_batch
+from pl_mc.service.sky import WorldSky
+
+FloatArray = NDArray[np.float64]
+
+DAY_S = 86_400.0
+
+# Geometries of a batch: a few sites with all their epochs. Memory is that of a few batches, whatever the grid.
+GEOMETRIES_PER_BATCH = 2_304
+
+# All epochs of a site are in one batch.
+MOST_EPOCHS = 20_000
+MOST_DRAWS = 10_000
+
+
+@dataclass(frozen=True)
+class ServiceVolume:
+    """What a service volume found. Rates have columns ``<what>_rate, <what>_low, <what>_high``.
+
+    Attributes:
+        grid: the users.
+        time_gps_s: (epochs,), GPS time [s].
+        step_s: time from one epoch to the next [s].
+        methods: names of the methods.
+        operations: the operations.
+        draws: noise draws at each geometry, for methods whose levels depend on the noise.
+        seed: of the noise.
+        exact: names of the methods whose levels depend on the geometry alone.
+        sites: a row per site, method and operation: ``site, latitude_deg, longitude_deg, method, operation,
+            scenarios, available, availability_*``, and for each duration ``started_15s, stayed_15s,
+            continuity_15s_*``.
+        world: a row per method and operation, weighted with area: ``availability_*``, ``coverage_*`` (area whose
+            sites have an availability of 99.5 % or more, and their number ``coverage_sites``), the worst site, and
+            ``continuity_*``.
+        levels: a row per site and method: ``hpl_50_m, hpl_99_m, vpl_50_m, vpl_99_m``, not exceeded in 50 and 99 %
+            of the scenarios; infinite where there is no solution in so many of them.
+        satellites: a row per site: ``satellites_min, satellites_mean, satellites_max`` in view over the epochs.
+        by_epoch: a row per epoch, method and operation: ``time_gps_s, area_share``, the share of the Earth's area
+            with service, mean over draws.
+    """
+
+    grid: WorldGrid
+    time_gps_s: FloatArray
+    step_s: float
+    methods: tuple[str, ...]
+    operations: tuple[AlertLimits, ...]
+    draws: int
+    seed: int
+    exact: tuple[str, ...]
+    sites: pd.DataFrame
+    world: pd.DataFrame
+    levels: pd.DataFrame
+    satellites: pd.DataFrame
+    by_epoch: pd.DataFrame
+
+    def worst_sites(self, method: str, operation: str, *, most: int = 10) -> pd.DataFrame:
+        """The sites with the lowest availability, at most ``most`` of them, the worst first."""
+        require_choice(method, self.methods, field="method")
+        require_choice(operation, [one.name for one in self.operations], field="operation")
+        rows = self.sites[(self.sites.method == method) & (self.sites.operation == operation)]
+        return rows.nsmallest(most, "availability_rate", keep="first").reset_index(drop=True)
+
+
+def service_volume(
+    *,
+    constellations: str | Sequence[str] = ("GPS", "GAL"),
+    without: str | Sequence[str] = (),
+    step_deg: float = 5.0,
+    step_s: float = 300.0,
+    duration_s: float = DAY_S,
+    start: str | datetime = "2017-11-21T00:00:00",
+    mask_deg: float = 10.0,
+    error_model: str | ErrorModel = "residual",
+    methods: Sequence[str | Method] = ("ls", "igg3", "araim"),
+    operations: Sequence[str | AlertLimits] = (LPV_200,),
+    durations_s: Sequence[float] = (15.0, 150.0),
+    draws: int = 100,
+    seed: int = 20171121,
+    precision: str = "float64",
+    workers: int | None = None,
+    progress: bool | None = None,
+) -> ServiceVolume:
+    """Availability and continuity of operations for users all over the Earth, fault-free.
+
+    An operation is available in a scenario where the method has a solution with VPL <= VAL and HPL <= HAL. A
+    receiver's false alerts are not part of it; levels that follow from what a test excluded are.
+
+    Users stand on the ellipsoid at the middles of cells. Satellites are those of `pl_mc.simulate`. A method whose
+    levels depend on the geometry alone (`pl_mc.service.levels.levels_from_geometry`) gets one draw, since all would
+    be alike; ARAIM is computed by `pl_mc.araim.protection_levels`. Every geometry has noise of its own: that of a
+    sweep with this seed and the epoch number ``site * epochs + epoch``.
+
+    Args:
+        constellations, without, start, mask_deg, error_model: as for `pl_mc.simulate`; ``without`` names satellites
+            that are switched off.
+        step_deg: width and height of the cells, a divisor of 180 deg [deg].
+        step_s: time from one epoch to the next [s].
+        duration_s: length of the run [s]; epochs are those before its end.
+        methods: names or records of methods.
+        operations: names of `pl_mc.alert.OPERATIONS` or alert limits.
+        durations_s: lengths of operations whose continuity is asked for [s]; see `pl_mc.service.continuity`.
+        draws: noise draws at each geometry.
+        seed: chooses the noise, 0 to 2^32 - 1.
+        precision: ``float64`` or ``float32``.
+        workers: threads that compute; as many as there are cores unless given. No effect on the counts.
+        progress: whether to show a progress bar; where standard error is a terminal unless given.
+
+    Returns:
+        A `ServiceVolume`. Its bounds are about the draws and, for methods whose levels depend on the geometry
+        alone, about the moments at which service changes; see
+        `pl_mc.service.counting.ServiceCounts.availability_bounds`. That the Earth is sampled by a grid of users is
+        in none of them.
+
+    Raises:
+        InputError: an option that cannot be used.
+    """
+    grid = world_grid(step_deg)
+    step = require_positive(step_s, field="step_s")
+    epochs = max(1, int(np.ceil(require_positive(duration_s, field="duration_s") / step - 1e-9)))
+    if epochs > MOST_EPOCHS:
+        raise InputError(
+            f"step_s: {step:g} s make {epochs:,} epochs; at most {MOST_EPOCHS:,} are possible, with "
+            f"{duration_s:g} s steps of {duration_s / MOST_EPOCHS:.3g} s or more."
+        )
+    mask = require_number(mask_deg, field="mask_deg")
+    if not 0.0 <= mask < 90.0:
+        nearest_valid = "0" if mask < 0 else "below 90"
+        raise InputError(
+            f"mask_deg: {mask:g} deg is outside the range from 0 to below 90 deg; nearest: {nearest_valid}."
+        )
+    chosen = as_methods(methods)
+    limits = as_operations(operations)
+    lengths = as_durations(durations_s, step_s=step, epochs=epochs)
+    draws = require_whole(draws, field="draws", low=1, high=MOST_DRAWS)
+    seed = require_whole(seed, field="seed", low=0, high=LARGEST_SEED)
+    dtype_of(precision)
+    threads = cores() if workers is None else require_whole(workers, field="workers", low=1)
+    time_gps_s = np.asarray(gps_seconds(start) + step * np.arange(epochs), dtype=np.float64)
+    sky = WorldSky(constellation_slots(constellations, without), as_error_model(error_model), mask, time_gps_s)
+
+    per_batch = min(len(grid), max(1, GEOMETRIES_PER_BATCH // epochs))
+    batches = [slice(first, min(first + per_batch, len(grid))) for first in range(0, len(grid), per_batch)]
+    latitude, longitude = np.radians(grid.latitude_deg), np.radians(grid.longitude_deg)
+    seen = np.concatenate([sky.counts(latitude[part], longitude[part]) for part in batches])
+    # At least as many rows as an empty sky of the compiled function needs.
+    width = max(int(seen.max()), 1)
+    if seen.max() == 0:
+        raise InputError(f"geometry: no satellite is above the mask of {mask:g} deg anywhere at any epoch.")
+    exact = [levels_from_geometry(method) for method in chosen]
+    counts = ServiceCounts.of(len(grid), epochs, draws, exact, len(limits), lengths)
+
+    def solve(part: slice) -> list[tuple[FloatArray, FloatArray]]:
+        # The last batch is filled up with its last site.
+        sites = np.minimum(np.arange(part.start, part.start + per_batch), part.stop - 1)
+        batch = sky.geometries(latitude[sites], longitude[sites], width)
+        numbers = (sites[:, None] * epochs + np.arange(epochs)).ravel()
+        found = levels_of_batch(batch, numbers, chosen, draws=draws, seed=seed, precision=precision)
+        kept = part.stop - part.start
+        return [
+            (hpl.reshape(per_batch, epochs, -1)[:kept], vpl.reshape(per_batch, epochs, -1)[:kept])
+            for hpl, vpl in found
+        ]
+
+    # The function of ARAIM has threads of its own.
+    threads = 1 if all(isinstance(method, Araim) for method in chosen) else threads
+    with progress_bar(total=len(batches), what="service volume", show=progress) as advance:
+        for part, levels in in_order(solve, batches, threads):
+            counts.add(part, grid.weight[part], levels, limits)
+            advance()
+
+    names, labels = [method.name for method in chosen], [one.name for one in limits]
+    return ServiceVolume(
+        grid=grid,
+        time_gps_s=time_gps_s,
+        step_s=step,
+        methods=tuple(names),
+        operations=limits,
+        draws=draws,
+        seed=seed,
+        exact=tuple(name for name, alone in zip(names, exact, strict=True) if alone),
+        sites=site_table(counts, grid, names, labels, lengths),
+        world=world_table(counts, grid, names, labels, lengths),
+        levels=level_table(counts, grid, names),
+        satellites=pd.DataFrame(
+            {
+                "site": np.arange(len(grid)),
+                "latitude_deg": grid.latitude_deg,
+                "longitude_deg": grid.longitude_deg,
+                "satellites_min": seen.min(axis=1).astype(int),
+                "satellites_mean": seen.mean(axis=1),
+                "satellites_max": seen.max(axis=1).astype(int),
+            }
+        ),
+        by_epoch=pd.DataFrame(_by_epoch(counts, time_gps_s, names, labels)),
+    )
+
+
+def as_operations(operations: Any) -> tuple[AlertLimits, ...]:
+    """Names of `OPERATIONS` and alert limits, made alert limits; an `InputError` for anything else."""
+    given = [operations] if isinstance(operations, str | AlertLimits) else list(operations)
+    if not given:
+        raise InputError(f"operations: at least one is needed (valid: {', '.join(OPERATIONS)}).")
+    made: list[AlertLimits] = []
+    for one in given:
+        limits = OPERATIONS[require_choice(one, OPERATIONS, field="operations")] if isinstance(one, str) else one
+        if not isinstance(limits, AlertLimits):
+            raise InputError(
+                f"operations: a name or alert limits such as pl_mc.LPV_200 are needed, not {type(one).__name__}."
+            )
+        if any(limits.name == other.name for other in made):
+            raise InputError(f"operations: {limits.name} is asked for twice.")
+        made.append(limits)
+    return tuple(made)
+
+
+def _by_epoch(
+    counts: ServiceCounts, time_gps_s: FloatArray, methods: Sequence[str], operations: Sequence[str]
+) -> Iterator[dict[str, object]]:
+    for m, method in enumerate(methods):
+        for o, operation in enumerate(operations):
+            for when, share in zip(time_gps_s.tolist(), counts.by_epoch[:, m, o].tolist(), strict=True):
+                yield {"time_gps_s": when, "method": method, "operation": operation, "area_share": min(share, 1.0)}

@@ -1,0 +1,284 @@
+"""Passes: time by a scan, scenarios along the last axis, ramps of all rates on the same errors.
+
+A first scan makes the errors and runs what is recursive (sums of residuals, filters) without any fault; since all
+of that is linear a ramp only adds its known response. A second scan goes through the monitored samples and asks
+every method at every rate.
+"""
+
+from __future__ import annotations
+
+import functools
+from dataclasses import dataclass
+from typing import Any
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+from jax import Array
+
+from pl_mc.engine.core import EpochBatch, each_fault, prepare_epoch
+from pl_mc.kernels import LinearModel, Start
+from pl_mc.kernels.linear_model import product
+from pl_mc.methods import Method
+from pl_mc.noise_models.gauss_markov import step
+from pl_mc.time_ramps.kalman_innovation import (
+    LS_POSITION,
+    FilterPlan,
+    KalmanInnovation,
+    filter_plan,
+    filter_step,
+    move,
+)
+from pl_mc.time_ramps.sequential_parity import SequentialParity, parity_tests
+from pl_mc.time_ramps.signals import LANES, NoiseInTime, Rows, pass_key, step_numbers
+from pl_mc.time_ramps.snapshot import alarm_ratio
+from pl_mc.time_ramps.windows import WindowTests, largest_ratio
+
+Test = Method | SequentialParity | KalmanInnovation
+
+
+@jax.tree_util.register_dataclass
+@dataclass(frozen=True)
+class PassPlan:
+    """What all passes over a series share.
+
+    Attributes:
+        models: of every epoch (leading axis T).
+        prepared: what the snapshot methods make of them.
+        sigma_m: (T, m) [m].
+        ramp_m: (T, m), the ramp of 1 m/s [m].
+        correlation, share: () of the correlated part of the errors.
+        vertical_m: (), VAL [m].
+        parities: of each accumulated parity test.
+        filters: of each Kalman filter.
+    """
+
+    models: LinearModel
+    prepared: list[Any]
+    sigma_m: Array
+    ramp_m: Array
+    correlation: Array
+    share: Array
+    vertical_m: Array
+    parities: tuple[WindowTests, ...]
+    filters: tuple[FilterPlan, ...]
+
+
+@jax.tree_util.register_dataclass
+@dataclass(frozen=True)
+class Watched:
+    """What became of each pass, (methods, rates, lanes).
+
+    Attributes:
+        largest: largest ratio of statistic and nominal threshold.
+        alarm: samples from the onset to the first alarm; -1 for none.
+        hazard: samples from the onset to the first error beyond VAL; -1 for none.
+        error_m: the vertical error's size at the alarm [m]; zero without one.
+    """
+
+    largest: Array
+    alarm: Array
+    hazard: Array
+    error_m: Array
+
+
+@jax.tree_util.register_dataclass
+@dataclass(frozen=True)
+class Signals:
+    """Fault-free passes, (T, ..., lanes).
+
+    Attributes:
+        noise: (T, m, lanes), errors in units of sigma, zero out of view.
+        residual_sum: (T, m, lanes), whitened residuals summed from the first sample on.
+        pulled_sum: for each filter (T, m, lanes), S^-1 nu summed likewise [1/m].
+        up_m: for each filter (T, lanes), its own vertical error [m].
+    """
+
+    noise: Array
+    residual_sum: Array
+    pulled_sum: tuple[Array, ...]
+    up_m: tuple[Array, ...]
+
+
+def pass_plan(
+    tests: tuple[Test, ...], rows: Rows, noise: NoiseInTime, ramp_m: np.ndarray, onset: int, vertical_m: float
+) -> PassPlan:
+    """Everything that the geometry and the correlation of the errors decide; in double precision."""
+    methods = snapshot_methods(tests)
+    batch = EpochBatch(
+        design=jnp.asarray(rows.design),
+        sigma_m=jnp.asarray(rows.sigma_m),
+        in_view=jnp.asarray(rows.in_view),
+        bias_m=jnp.zeros((len(rows.design), 1, len(rows.names))),
+        applies=jnp.ones((len(rows.design), 1), bool),
+        epoch=jnp.arange(len(rows.design), dtype=jnp.uint32),
+        clocks_apart=bool(((rows.design[..., 3:] != 0).sum(axis=-1) <= 1).all()),
+    )
+    models, prepared = _prepare_all(batch, methods=methods)
+    parities = [parity_tests(one, rows, noise, ramp_m, onset) for one in tests if isinstance(one, SequentialParity)]
+    filters = [filter_plan(one, rows, noise, ramp_m, onset) for one in tests if isinstance(one, KalmanInnovation)]
+    return PassPlan(
+        models=models,
+        prepared=prepared,
+        sigma_m=batch.sigma_m,
+        ramp_m=jnp.asarray(ramp_m),
+        correlation=jnp.asarray(noise.correlation(rows.interval_s)),
+        share=jnp.asarray(noise.share),
+        vertical_m=jnp.asarray(vertical_m),
+        parities=tuple(parities),
+        filters=tuple(filters),
+    )
+
+
+def snapshot_methods(tests: tuple[Test, ...]) -> tuple[Method, ...]:
+    """Those that look at single epochs."""
+    return tuple(one for one in tests if not isinstance(one, SequentialParity | KalmanInnovation))
+
+
+@functools.partial(jax.jit, static_argnames=("methods",))
+def _prepare_all(batch: EpochBatch, *, methods: tuple[Method, ...]) -> tuple[LinearModel, list]:
+    return jax.lax.map(lambda one: prepare_epoch(one, methods), batch)
+
+
+def fault_free_signals(plan: PassPlan, key: Array) -> Signals:
+    """One block of passes without a fault; every test, rate and method sees these errors."""
+    models = plan.models
+    epochs, rows = models.in_view.shape
+    motions = max((one.base for one in plan.filters), default=0)
+
+    def at_epoch(carry: tuple, x: tuple) -> tuple[tuple, Signals]:
+        slow, residual_sum, moving = carry
+        time, model, sigma_m, own = x
+        white, fresh, motion = step_numbers(key, time, rows, motions)
+        slow = jnp.where(time == 0, fresh, step(slow, fresh, plan.correlation))
+        noise = jnp.sqrt(1.0 - plan.share) * white + jnp.sqrt(plan.share) * slow
+        noise = noise * model.in_view[:, None]
+        residual_sum = residual_sum + noise - product(model.design, product(model.gain, noise))
+        after, up = [], []
+        for filter_, (true, state, total), (measurement, gain, weight) in zip(
+            plan.filters, moving, own, strict=True
+        ):
+            true = move(filter_, true, motion[: filter_.base], time)
+            observed_m = noise * sigma_m[:, None] + product(measurement[:, : filter_.base], true)
+            predicted = product(filter_.transition, state)
+            state, innovation = filter_step(filter_, measurement, gain, predicted, observed_m, model.in_view)
+            after.append((true, state, total + product(weight, innovation)))
+            up.append(state[2] - true[2])
+        pulled = tuple(one[2] for one in after)
+        return (slow, residual_sum, tuple(after)), Signals(noise, residual_sum, pulled, tuple(up))
+
+    nothing = jnp.zeros((rows, LANES))
+    start = tuple(
+        (jnp.zeros((one.base, LANES)), jnp.zeros((one.transition.shape[0], LANES)), nothing) for one in plan.filters
+    )
+    own = tuple((one.measurement, one.gain, one.weight) for one in plan.filters)
+    xs = (jnp.arange(epochs, dtype=jnp.int32), models, plan.sigma_m, own)
+    return jax.lax.scan(at_epoch, (nothing, nothing, start), xs)[1]
+
+
+@functools.partial(jax.jit, static_argnames=("tests", "onset"))
+def watch_block(
+    plan: PassPlan,
+    seed: Array,
+    purpose: Array,
+    block: Array,
+    rates: Array,
+    thresholds: Array,
+    *,
+    tests: tuple[Test, ...],
+    onset: int,
+) -> Watched:
+    """One block of passes with a ramp of every rate.
+
+    Args:
+        plan: see `pass_plan`, of the same ``tests`` and ``onset``.
+        seed, purpose, block: choose the errors.
+        rates: (f,) [m/s].
+        thresholds: (methods,), of the ratios.
+        tests: the methods.
+        onset: first monitored sample, at which ramps begin.
+    """
+    signals = fault_free_signals(plan, pass_key(seed, purpose, block))
+    methods = snapshot_methods(tests)
+    epochs = plan.sigma_m.shape[0]
+
+    def sums(values: Array, tests_: WindowTests, time: Array) -> list[Array]:
+        now = jax.lax.dynamic_index_in_dim(values, time, keepdims=False)
+        return [now - jax.lax.dynamic_index_in_dim(values, time - w, keepdims=False) for w in tests_.samples]
+
+    def at_epoch(watched: Watched, x: tuple) -> tuple[Watched, None]:
+        time, model, prepared, ramp_m, noise, parities, filters, ups, up_ramps = x
+        one = EpochBatch(
+            design=model.design,
+            sigma_m=model.weight_root,
+            in_view=model.in_view,
+            bias_m=rates[:, None] * ramp_m[None],
+            applies=jnp.ones(rates.shape, bool),
+            epoch=time,
+        )
+
+        def ask(start: Start, _: Array) -> tuple[list[tuple[Array, Array]], Array]:
+            asked = [
+                alarm_ratio(method, model, made, start, plan.vertical_m)
+                for method, made in zip(methods, prepared, strict=True)
+            ]
+            return asked, start.state[2]
+
+        asked, ls_up_m = each_fault(model, one, noise, ask)
+        single, parity, kalman = iter(asked), iter(range(len(parities))), iter(range(len(filters)))
+        ratios, errors = [], []
+        for test in tests:
+            if isinstance(test, SequentialParity):
+                k = next(parity)
+                ratios.append(largest_ratio(parities[k], sums(signals.residual_sum, parities[k], time), rates))
+                errors.append(ls_up_m)
+            elif isinstance(test, KalmanInnovation):
+                k = next(kalman)
+                ratios.append(largest_ratio(filters[k], sums(signals.pulled_sum[k], filters[k], time), rates))
+                own_m = ups[k][None] + rates[:, None] * up_ramps[k]
+                errors.append(ls_up_m if test.guards == LS_POSITION else own_m)
+            else:
+                ratio, up_m = next(single)
+                ratios.append(ratio)
+                errors.append(up_m)
+        stacked = jnp.stack(ratios), jnp.stack(errors)
+        return watch_sample(watched, time - onset, *stacked, thresholds, plan.vertical_m), None
+
+    shape = (len(tests), rates.shape[0], LANES)
+    never = jnp.full(shape, -1, jnp.int32)
+    first = Watched(jnp.zeros(shape), never, never, jnp.zeros(shape))
+    tail = slice(onset, epochs)
+    xs = (
+        jnp.arange(onset, epochs, dtype=jnp.int32),
+        *jax.tree.map(lambda part: part[tail], (plan.models, plan.prepared, plan.ramp_m, signals.noise)),
+        plan.parities,
+        tuple(one.tests for one in plan.filters),
+        *jax.tree.map(lambda part: part[tail], (signals.up_m, tuple(one.up_m for one in plan.filters))),
+    )
+    return jax.lax.scan(at_epoch, first, xs)[0]
+
+
+def watch_sample(
+    before: Watched, time: Array, ratios: Array, errors_m: Array, thresholds: Array, vertical_m: Array
+) -> Watched:
+    """What became of the passes with one more sample.
+
+    Args:
+        before: up to the sample before.
+        time: samples since the onset.
+        ratios, errors_m: (methods, rates, lanes), statistic over nominal threshold and vertical error [m].
+        thresholds: (methods,), of the ratios.
+        vertical_m: VAL [m].
+    """
+    size_m = jnp.abs(errors_m)
+    # Where there is no solution there is an alarm and no error.
+    hazard = jnp.isfinite(size_m) & (size_m > vertical_m)
+    # No threshold keeps a method quiet that has no solution.
+    alarms = (ratios > thresholds[:, None, None]) | jnp.isinf(ratios)
+    begins = alarms & (before.alarm < 0)
+    return Watched(
+        largest=jnp.maximum(before.largest, ratios),
+        alarm=jnp.where(begins, time, before.alarm),
+        hazard=jnp.where(hazard & (before.hazard < 0), time, before.hazard),
+        error_m=jnp.where(begins, size_m, before.error_m),
+    )

@@ -1,0 +1,129 @@
+"""The accumulated parity test: parity vectors summed over windows, against noise that is correlated in time.
+
+A slow ramp hides in the noise of every single parity vector, but not in their mean. Summing parity vectors is what
+sequential RAIM by hypothesis tests does (Clot, Macabiau, Nikiforov & Roturier 2006, Sequential RAIM designed to
+detect combined step/slope pseudorange errors; here as a bank of fixed windows with the exact covariance).
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import jax.numpy as jnp
+import numpy as np
+from numpy.typing import NDArray
+
+from pl_mc.methods.raim_levels import P_FA
+from pl_mc.time_ramps.signals import NoiseInTime, Rows
+from pl_mc.time_ramps.windows import (
+    WindowTests,
+    name_with_windows,
+    require_probability,
+    whitened,
+    window_samples,
+    window_seconds,
+    window_sums,
+)
+
+FloatArray = NDArray[np.float64]
+
+
+@dataclass(frozen=True)
+class SequentialParity:
+    """Parity vectors summed over the last samples, one test or a bank of them; guards the least-squares position.
+
+    Residuals e_k = R_k z_k stand for parity vectors, since their coordinates stay with their satellites while the
+    sky turns; the sum is seen in the parity space of the last epoch. Its covariance follows from the
+    autocorrelation of the noise, exactly, and the statistic is chi-square with as many degrees of freedom as that
+    space has. A bank takes the largest ratio of statistic and threshold.
+
+    Attributes:
+        windows_s: lengths of the windows, 0 for one sample [s].
+        p_fa: false-alarm probability behind the nominal thresholds; with several windows it decides, slightly, how
+            they share the false alarms.
+    """
+
+    windows_s: tuple[float, ...] = (10.0, 30.0, 100.0, 300.0)
+    p_fa: float = P_FA
+
+    def __post_init__(self) -> None:
+        object.__setattr__(self, "windows_s", window_seconds("sequential_parity", self.windows_s))
+        require_probability("sequential_parity", self.p_fa)
+
+    @property
+    def name(self) -> str:
+        return name_with_windows("sequential_parity", self.windows_s)
+
+
+def residual_maps(rows: Rows) -> FloatArray:
+    """(T, m, m), R with e = R z of whitened errors: the orthogonal projection on the parity space of each epoch."""
+    seen = rows.in_view.astype(float)
+    design = rows.design * (seen / rows.sigma_m)[:, :, None]
+    # Columns of very different size (clocks without a satellite are zero) are no obstacle to an SVD.
+    fitted = design @ np.linalg.pinv(design, rcond=1e-10)
+    return np.einsum("ei,ij->eij", seen, np.eye(seen.shape[1])) - fitted
+
+
+def parity_tests(
+    test: SequentialParity, rows: Rows, noise: NoiseInTime, ramp_m: FloatArray, onset: int
+) -> WindowTests:
+    """The tests at every epoch from ``onset`` on.
+
+    Args:
+        test: the options.
+        rows: the series.
+        noise: what correlates the errors.
+        ramp_m: (T, m), the unit ramp [m].
+        onset: first monitored sample.
+    """
+    maps = residual_maps(rows)
+    ramp = np.einsum("eij,ej->ei", maps, ramp_m / rows.sigma_m * rows.in_view)
+    size, basis = np.linalg.eigh(maps[onset:])
+    basis = basis * (size > 0.5)[:, None, :]
+    samples = window_samples("sequential_parity", test.windows_s, rows.interval_s, onset)
+    correlation = noise.correlation(rows.interval_s)
+    made = [
+        whitened(
+            summed_covariance(maps, correlation, noise.share, w, onset),
+            basis,
+            window_sums(ramp, w, onset),
+            test.p_fa,
+        )
+        for w in samples
+    ]
+    return WindowTests(
+        whitener=jnp.asarray(np.stack([one[0] for one in made], axis=1)),
+        response=jnp.asarray(np.stack([one[1] for one in made], axis=1)),
+        samples=samples,
+    )
+
+
+def summed_covariance(maps: FloatArray, correlation: float, share: float, samples: int, onset: int) -> FloatArray:
+    """(T - onset, m, m), covariance of the sum of the last residuals, in units of sigma^2.
+
+    sum over i, j in the window of rho(i - j) R_i R_j', by prefix sums over all pairs: those of the window (o, t]
+    are all pairs up to t, less those up to o, less those with one sample on either side of o. The latter are
+    U_o (D_o - phi^W D_t)' and its transpose, with U_o = sum over i <= o of phi^(o - i) R_i and
+    D_o = sum over j > o of phi^(j - o) R_j.
+
+    Args:
+        maps: (T, m, m), R of every epoch.
+        correlation: phi, of the correlated part from sample to sample.
+        share: of the correlated part in the variance.
+        samples: W, at most ``onset``.
+        onset: first epoch of the result.
+    """
+    last, before = slice(onset, None), slice(onset - samples, len(maps) - samples)
+    white = np.cumsum(maps, axis=0)
+    past, future = np.empty_like(maps), np.zeros_like(maps)
+    past[0] = maps[0]
+    for k in range(1, len(maps)):
+        past[k] = maps[k] + correlation * past[k - 1]
+    for k in range(len(maps) - 2, -1, -1):
+        future[k] = correlation * (maps[k + 1] + future[k + 1])
+    # R_k with everything up to k, both orders, the pair of k with itself once.
+    joint = maps @ np.swapaxes(past, 1, 2)
+    pairs = np.cumsum(joint + np.swapaxes(joint, 1, 2) - maps, axis=0)
+    cross = past[before] @ np.swapaxes(future[before] - correlation**samples * future[last], 1, 2)
+    slow = pairs[last] - pairs[before] - cross - np.swapaxes(cross, 1, 2)
+    return (1.0 - share) * (white[last] - white[before]) + share * slow

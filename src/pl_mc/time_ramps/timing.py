@@ -1,0 +1,308 @@
+"""Time to alert: from the beginning of a ramp, and of the hazard, to the alarm, at one false-alarm rate for all."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from typing import Any, Protocol, runtime_checkable
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+import pandas as pd
+from numpy.typing import ArrayLike, NDArray
+from scipy import stats
+
+from pl_mc.alert import LPV_200, AlertLimits
+from pl_mc.engine.checks import LARGEST_SEED, require_geometry_and_alert
+from pl_mc.geometry.record import Geometry
+from pl_mc.host.precision import precision_scope
+from pl_mc.host.progress import progress_bar
+from pl_mc.input_errors import InputError, require_number, require_whole
+from pl_mc.methods import METHODS
+from pl_mc.named import as_records
+from pl_mc.statistics.intervals import clopper_pearson
+from pl_mc.time_ramps.kalman_innovation import KalmanInnovation
+from pl_mc.time_ramps.passes import PassPlan, Test, Watched, pass_plan, watch_block
+from pl_mc.time_ramps.registry import SEQUENTIAL
+from pl_mc.time_ramps.sequential_parity import SequentialParity
+from pl_mc.time_ramps.signals import LANES, NoiseInTime, Rows, rows_by_satellite, unit_ramp_m, whole_samples
+from pl_mc.time_ramps.snapshot import has_ratio
+
+FloatArray = NDArray[np.float64]
+
+CONFIDENCE = 0.95
+LIMITS_S = (6, 10, 30)
+QUANTILES = (50, 95)
+DEFAULT_METHODS = ("ls", "igg3", "slope", "parity", "w_test", "araim", "sequential_parity", "kalman")
+
+# Passes of the calibration, of its check, and with ramps are independent of each other.
+_CALIBRATION, _CHECK, _RAMPS = 0, 1, 2
+_MOST_DRAWS = 2**20
+# With fewer passes beyond the threshold it would hang on one or two of them.
+_FEWEST_BEYOND = 10
+
+
+def time_to_alert(
+    g_series: Geometry,
+    satellite: str,
+    rates_m_per_s: ArrayLike,
+    methods: Sequence[str | Test] = DEFAULT_METHODS,
+    *,
+    tau_s: float = 100.0,
+    draws: int = 1000,
+    seed: int = 0,
+    share: float = 0.5,
+    onset_s: float = 300.0,
+    p_fa: float = 0.01,
+    calibration_draws: int = 4000,
+    alert: AlertLimits = LPV_200,
+    progress: bool | None = None,
+) -> pd.DataFrame:
+    """How long an error that grows on one satellite stays unseen, method by method, at equal false-alarm rates.
+
+    The ramp begins at ``onset_s`` and grows to the end of the series. Errors of satellites are Gaussian with a
+    white and a Gauss-Markov part (`NoiseInTime`); every method and every rate sees the same ones. A pass is what
+    lies between the onset and the end: thresholds are set, on fault-free passes of their own, so that a share
+    ``p_fa`` of passes has at least one alarm, and the share is counted again on others.
+
+    An alarm is the first sample from the onset on at which the method's statistic is beyond its threshold; the
+    hazard begins with the first at which the vertical error is beyond VAL, even if noise takes it back again. The
+    time to alert is the difference; it is negative where the alarm comes first. Errors are those of the position
+    that a method guards: IGG-III's own and other M-estimates' own, a Kalman filter's own if asked for, else that of
+    least squares. What each statistic is: `pl_mc.time_ramps.snapshot`, `SequentialParity`, `KalmanInnovation`.
+
+    Args:
+        g_series: epochs at equal intervals; the requirements of 6, 10 and 30 s ask for 1 s.
+        satellite: in view from the onset on.
+        rates_m_per_s: (f,), rates of the ramp [m/s]; 0 is the fault-free pass.
+        methods: names or records of snapshot methods and of sequential tests (``sequential_parity``, ``kalman``).
+        tau_s, share: see `NoiseInTime`.
+        draws: passes for each rate.
+        seed: chooses the noise, 0 to 2^32 - 1.
+        onset_s: time before the ramp, in which windows and filters fill [s].
+        p_fa: false-alarm probability of a pass.
+        calibration_draws: fault-free passes for the thresholds, and as many to count false alarms.
+        alert: alert limits.
+        progress: whether to show a progress bar; where standard error is a terminal unless given.
+
+    Returns:
+        One row per rate and method:
+
+        - ``tau_s, share, rate_m_per_s, method``, ``threshold`` (of the ratio to the method's nominal one), and
+          ``false_alarms`` in ``false_alarm_passes``, ``false_alarm_rate, _low, _high``; the threshold is infinite
+          where a method has no solution in more than a share ``p_fa`` of fault-free passes, so that none can keep
+          the rate: it alarms where it has no solution, and must not be compared;
+        - ``passes, monitored_s``; ``detected`` passes with an alarm, ``detected_rate, _low, _high``;
+        - ``hazards``, passes with an error beyond VAL;
+        - quantiles ``X_50_s`` and ``X_95_s`` with bounds ``X_50_low_s``, ... of X = ``alert_after_onset`` over all
+          passes and X = ``alert_after_hazard`` over those with a hazard; infinite where that share of passes had no
+          alarm before the end, NaN where there was no hazard;
+        - the same of ``error_at_alert`` [m], the size of the vertical error at the alarm, over detected passes;
+        - for each limit L of 6, 10 and 30 s: ``within_L`` of ``decided_L`` passes with a hazard had the alarm at
+          most L after it began, ``within_L_rate, _low, _high``; ``undecided_L`` passes ended without an alarm
+          before L had gone by and are left out; ``late_L`` of ``passes - undecided_L``, the missed in the sense of
+          the time to alert, ``late_L_rate, _low, _high``.
+
+        Bounds are 95 %: Clopper-Pearson for rates, order statistics for quantiles.
+
+    Raises:
+        InputError: what cannot be used.
+    """
+    require_geometry_and_alert(g_series, alert)
+    rows = rows_by_satellite(g_series)
+    noise = NoiseInTime(tau_s=tau_s, share=share)
+    tests = as_tests(methods)
+    rates = _rates(rates_m_per_s)
+    draws = require_whole(draws, field="draws", low=1, high=_MOST_DRAWS)
+    seed = require_whole(seed, field="seed", low=0, high=LARGEST_SEED)
+    if not 0.0 < require_number(p_fa, field="p_fa") < 1.0:
+        raise InputError(f"p_fa: a number between 0 and 1 is needed, not {p_fa!r}.")
+    least = math.ceil(_FEWEST_BEYOND / p_fa)
+    calibration_draws = require_whole(calibration_draws, field="calibration_draws", low=least, high=_MOST_DRAWS)
+    onset = whole_samples(onset_s, rows.interval_s, field="onset_s")
+    if not 1 <= onset < len(g_series) - 1:
+        raise InputError(
+            f"onset_s: it lies between the first and the last epoch, after {rows.interval_s:g} s to "
+            f"{(len(g_series) - 2) * rows.interval_s:g} s, not {onset_s:g} s."
+        )
+    spare = (g_series.satellite_count - g_series.unknown_count)[onset:]
+    if (spare < 1).any():
+        raise InputError(
+            f"geometry: {int((spare < 1).sum())} epochs of the pass have no satellite more than unknowns, so that "
+            "nothing can be tested there."
+        )
+    ramp_m = unit_ramp_m(rows, satellite, onset)
+    with precision_scope("float64"):
+        plan = pass_plan(tests, rows, noise, ramp_m, onset, alert.vertical_m)
+        blocks = 2 * math.ceil(calibration_draws / LANES) + math.ceil(draws / LANES)
+        with progress_bar(total=blocks, what="Passes", show=progress) as advance:
+
+            def watch(purpose: int, count: int, sizes: FloatArray, thresholds: FloatArray) -> Watched:
+                return _watch(plan, seed, purpose, count, sizes, thresholds, tests, onset, advance)
+
+            never = np.full(len(tests), np.inf)
+            free = watch(_CALIBRATION, calibration_draws, np.zeros(1), never)
+            thresholds = calibrated(np.asarray(free.largest)[:, 0], p_fa)
+            checked = np.asarray(watch(_CHECK, calibration_draws, np.zeros(1), thresholds).alarm)[:, 0] >= 0
+            seen = watch(_RAMPS, draws, rates, thresholds)
+    return _table(rows, onset, noise, tests, rates, thresholds, checked, seen)
+
+
+def as_tests(methods: Sequence[str | Test]) -> tuple[Test, ...]:
+    """Names and records, made records; an `InputError` for those that have no statistic to calibrate."""
+    able = {name: cls for name, cls in METHODS.items() if has_ratio(cls)}
+    made = as_records(methods, able | SEQUENTIAL, _Named, what="method")
+    for one in made:
+        if not (isinstance(one, SequentialParity | KalmanInnovation) or has_ratio(type(one))):
+            raise InputError(
+                f"methods: {getattr(one, 'name', one)!r} has no statistic whose threshold could be moved (methods "
+                f"that have: {', '.join(able | SEQUENTIAL)})."
+            )
+    return made
+
+
+@runtime_checkable
+class _Named(Protocol):
+    """What snapshot methods and sequential tests have in common."""
+
+    @property
+    def name(self) -> str: ...
+
+
+def calibrated(largest: FloatArray, p_fa: float) -> FloatArray:
+    """(methods,), the smallest values that no more than a share ``p_fa`` of passes (methods, passes) is beyond."""
+    passes = largest.shape[1]
+    beyond = math.floor(p_fa * passes)
+    return np.sort(largest, axis=1)[:, passes - beyond - 1]
+
+
+def _rates(rates_m_per_s: ArrayLike) -> FloatArray:
+    try:
+        rates = np.atleast_1d(np.asarray(rates_m_per_s, dtype=float))
+    except (TypeError, ValueError):
+        raise InputError(f"rates_m_per_s: rates in metres a second are needed, not {rates_m_per_s!r}.") from None
+    if rates.ndim != 1 or rates.size == 0 or not np.isfinite(rates).all() or np.unique(rates).size < rates.size:
+        raise InputError("rates_m_per_s: one row of different finite rates is needed.")
+    return rates
+
+
+def _watch(
+    plan: PassPlan, seed: int, purpose: int, draws: int, rates: FloatArray, thresholds: FloatArray,
+    tests: tuple[Test, ...], onset: int, advance: Any,
+) -> Watched:  # fmt: skip
+    """All blocks of one purpose, with the lanes beyond the last draw cut off."""
+    parts = []
+    for block in range(math.ceil(draws / LANES)):
+        part = watch_block(
+            plan, np.uint32(seed), np.uint32(purpose), np.uint32(block), jnp.asarray(rates),
+            jnp.asarray(thresholds), tests=tests, onset=onset,
+        )  # fmt: skip
+        parts.append(jax.tree.map(np.asarray, part))
+        advance()
+    return jax.tree.map(lambda *arrays: np.concatenate(arrays, axis=-1)[..., :draws], *parts)
+
+
+def _table(
+    rows: Rows, onset: int, noise: NoiseInTime, tests: tuple[Test, ...], rates: FloatArray,
+    thresholds: FloatArray, checked: NDArray[np.bool_], seen: Watched,
+) -> pd.DataFrame:  # fmt: skip
+    samples = len(rows.design) - onset
+    made = []
+    for f, rate in enumerate(rates):
+        for k, test in enumerate(tests):
+            false = int(checked[k].sum())
+            made.append(
+                {
+                    "tau_s": noise.tau_s,
+                    "share": noise.share,
+                    "rate_m_per_s": float(rate),
+                    "method": test.name,
+                    "threshold": float(thresholds[k]),
+                    "false_alarms": false,
+                    "false_alarm_passes": checked.shape[1],
+                    **_rate("false_alarm", false, checked.shape[1]),
+                    **timing_columns(
+                        np.asarray(seen.alarm)[k, f], np.asarray(seen.hazard)[k, f],
+                        np.asarray(seen.error_m)[k, f], samples, rows.interval_s,
+                    ),
+                }
+            )  # fmt: skip
+    return pd.DataFrame(made)
+
+
+def timing_columns(
+    alarm: NDArray[np.int32], hazard: NDArray[np.int32], error_m: FloatArray, samples: int, interval_s: float
+) -> dict[str, float]:
+    """Statistics of the passes with one ramp under one method; see `time_to_alert`.
+
+    Args:
+        alarm, hazard: (passes,), samples from the onset to the first alarm and the first error beyond VAL; -1 for
+            none.
+        error_m: (passes,), size of the vertical error at the alarm [m].
+        samples: in a pass, the onset's included.
+        interval_s: between samples [s].
+    """
+    passes = len(alarm)
+    detected, hazardous = alarm >= 0, hazard >= 0
+    alarm_s = np.where(detected, alarm * interval_s, np.inf)
+    after_hazard_s = (alarm_s - hazard * interval_s)[hazardous]
+    left_s = (samples - 1 - hazard[hazardous]) * interval_s
+    at_alarm = error_m[detected & np.isfinite(error_m)]
+    columns: dict[str, float] = {
+        "passes": passes,
+        "monitored_s": (samples - 1) * interval_s,
+        "detected": int(detected.sum()),
+        **_rate("detected", int(detected.sum()), passes),
+        "hazards": int(hazardous.sum()),
+    }
+    for name, values, unit in (
+        ("alert_after_onset", alarm_s, "s"),
+        ("alert_after_hazard", after_hazard_s, "s"),
+        ("error_at_alert", at_alarm, "m"),
+    ):
+        for percent in QUANTILES:
+            value, low, high = quantile_bounds(values, percent / 100.0)
+            columns[f"{name}_{percent}_{unit}"] = value
+            columns[f"{name}_{percent}_low_{unit}"] = low
+            columns[f"{name}_{percent}_high_{unit}"] = high
+    for limit in LIMITS_S:
+        # An end of the pass before the limit decides nothing, unless the alarm came before.
+        in_time = after_hazard_s <= limit
+        late = ~in_time & (left_s > limit)
+        within, missed = int(in_time.sum()), int(late.sum())
+        undecided = len(in_time) - within - missed
+        columns |= {
+            f"within_{limit}": within,
+            f"decided_{limit}": within + missed,
+            f"undecided_{limit}": undecided,
+            **_rate(f"within_{limit}", within, within + missed),
+            f"late_{limit}": missed,
+            **_rate(f"late_{limit}", missed, passes - undecided),
+        }
+    return columns
+
+
+def quantile_bounds(values: ArrayLike, share: float) -> tuple[float, float, float]:
+    """The smallest value that at least a share of values does not exceed, with 95 % bounds by order statistics.
+
+    The number of values below the true quantile is binomial, so that the order statistics at its 2.5 % and 97.5 %
+    points enclose the quantile, whatever the distribution (David & Nagaraja 2003, Order Statistics, section 7.1).
+    Where there are too few values for a bound it is infinite.
+    """
+    ordered = np.sort(np.asarray(values, dtype=float))
+    if not ordered.size:
+        return math.nan, math.nan, math.nan
+    number = ordered.size
+    # P(X_(r) <= q) >= 0.975 and P(X_(s) > q) >= 0.975, with X_(r) counted from 1.
+    below = int(stats.binom.ppf((1.0 - CONFIDENCE) / 2.0, number, share))
+    above = int(stats.binom.ppf((1.0 + CONFIDENCE) / 2.0, number, share)) + 1
+    value = ordered[max(math.ceil(share * number), 1) - 1]
+    low = ordered[below - 1] if below >= 1 else -math.inf
+    return float(value), float(low), float(ordered[above - 1] if above <= number else math.inf)
+
+
+def _rate(name: str, count: int, total: int) -> dict[str, float]:
+    low, high = (float(bound) for bound in clopper_pearson(count, total, CONFIDENCE))
+    rate = count / total if total else math.nan
+    return {f"{name}_rate": rate, f"{name}_low": low, f"{name}_high": high}

@@ -1,0 +1,168 @@
+"""Tuned limits of IGG-III: the gradient against differences, the judgement against the methods, the search."""
+
+from __future__ import annotations
+
+import dataclasses
+
+import jax
+import numpy as np
+import pandas as pd
+import pytest
+from scipy import stats
+
+import pl_mc
+from pl_mc.geometry.record import Geometry
+from pl_mc.input_errors import InputError
+from pl_mc.integrity_risk.tuning import tune
+from pl_mc.integrity_risk.tuning_objective import TuningProblem, cost
+from pl_mc.kernels import Igg3Weight, linear_model, start_from
+from pl_mc.methods import Igg3
+from reference.problems import appendix_d
+
+DRAWS = 4096
+TARGET = 1e-2
+
+
+@pytest.fixture(scope="module")
+def g() -> Geometry:
+    return appendix_d(noise=3.0)
+
+
+def _problem(g: Geometry, objective: str = "vpl", step: float = 0.05) -> TuningProblem:
+    faults = pl_mc.no_fault(g) + pl_mc.biases(g, {"G03": 10.0})
+    return TuningProblem(
+        design=np.asarray(g.design),
+        sigma_m=np.asarray(g.sigma_m),
+        bias_m=faults.bias_m,
+        options=Igg3(k0=1.0, k1=2.0).options,
+        target=TARGET,
+        misleading=True,
+        objective=objective,
+        vertical_m=35.0,
+        step=step,
+    )
+
+
+def _noise(g: Geometry) -> np.ndarray:
+    return np.random.default_rng(11).standard_normal((DRAWS, len(g.names)))
+
+
+def _solved(g: Geometry, errors_m: np.ndarray, method: Igg3) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Level for a multiplier of one, size of the vertical error, and whether there is a solution."""
+    model = linear_model(np.asarray(g.design), np.asarray(g.sigma_m))
+    outcome = jax.jit(lambda errors: method.solve(model, (), start_from(model, errors)))(errors_m.T)
+    level_m = np.asarray(outcome.vpl_m) / method.k_vertical
+    return level_m, np.abs(np.asarray(outcome.error_m[2])), np.asarray(outcome.available)
+
+
+def test_ratios_and_levels_are_those_of_the_method(g: Geometry) -> None:
+    """Traced limits and the frozen record's make the same numbers."""
+    noise, problem = _noise(g), _problem(g)
+    drawn = problem.draws(np.array([1.2, 4.0]), noise)
+    for k, bias_m in enumerate(problem.bias_m):
+        level_m, error_m, known = _solved(g, noise * np.asarray(g.sigma_m) + bias_m, Igg3(k0=1.2, k1=4.0))
+        worth_m = np.minimum(error_m, 35.0)
+        np.testing.assert_allclose(drawn.log_ratio[k][known], np.log(worth_m / level_m)[known], rtol=0, atol=1e-9)
+        if k == 0:
+            np.testing.assert_allclose(drawn.log_unit_m[known], np.log(level_m[known]), rtol=0, atol=1e-9)
+    # The record keeps its check, and is none the worse for the traced one.
+    assert Igg3Weight(1.5, 5.0) == Igg3Weight()
+    with pytest.raises(InputError, match="0 < k0 < k1"):
+        Igg3Weight(2.0, 1.0)
+
+
+@pytest.mark.parametrize("objective", ["vpl", "alarms"])
+@pytest.mark.parametrize("limits", [(1.5, 5.0), (0.8, 3.0)])
+def test_gradient_against_differences(g: Geometry, objective: str, limits: tuple[float, float]) -> None:
+    noise, problem = _noise(g), _problem(g, objective)
+    where = np.array(limits)
+    _, slope, _ = problem.smooth(where, noise)
+    step = 1e-6
+    for k, unit in enumerate(np.eye(2)):
+        above, below = (problem.smooth(where + sign * step * unit, noise)[0] for sign in (1.0, -1.0))
+        # A second derivative of order one leaves 1e-12, the root of the multiplier 1e-12 / 1e-6; kinks of the
+        # weights within the step change single draws.
+        assert (above - below) / (2.0 * step) == pytest.approx(slope[k], rel=1e-4, abs=2e-5)
+
+
+def test_the_smoothed_multiplier_comes_to_the_quantile(g: Geometry) -> None:
+    noise = _noise(g)
+    limits = np.array([1.5, 5.0])
+    _, _, k = _problem(g, step=1e-4).smooth(limits, noise)
+    ratios = _problem(g).draws(limits, noise).log_ratio
+    # Forty draws are above the target's quantile; the smooth root lies between its neighbours.
+    top = -np.sort(-ratios, axis=1)
+    rank = int(TARGET * DRAWS)
+    assert np.log(k) == pytest.approx(top[:, rank].max(), abs=0.02)
+    np.testing.assert_array_equal(cost("alarms", 2.0, np.log([10.0, 20.0, np.inf]), 35.0), [0.0, 1.0, 1.0])
+    np.testing.assert_array_equal(cost("vpl", 2.0, np.array([0.0, np.inf]), 35.0), [2.0, np.nan])
+
+
+@pytest.fixture(scope="module")
+def table(g: Geometry) -> pd.DataFrame:
+    faults = pl_mc.no_fault(g) + pl_mc.biases(g, {"G03": 10.0})
+    return tune(g, target=TARGET, faults=faults, draws=DRAWS, steps=6, grid=3, seed=7)
+
+
+def test_what_tuning_gives(g: Geometry, table: pd.DataFrame) -> None:
+    rows = table.set_index("limits")
+    assert list(rows.index) == ["start", "tuned", "grid"]
+    assert rows.loc["start", ["k0", "k1"]].tolist() == [1.5, 5.0]
+    assert rows.loc["start", "change"] == rows.loc["start", "change_error"] == 0.0
+    # The price falls by far more than its error, and the search is no worse than the grid but for that error.
+    assert rows.loc["tuned", "change"] < -4.9 * rows.loc["tuned", "change_error"]
+    both = np.hypot(*rows.loc[["tuned", "grid"], "change_error"])
+    assert rows.loc["tuned", "objective"] < rows.loc["grid", "objective"] + 4.9 * both
+    assert (rows["risk_low"] <= rows["risk"]).all()
+    assert (rows["risk"] <= rows["risk_high"]).all()
+    # A multiplier that keeps the target with 95 % is beyond it by so much once in a million.
+    limit = stats.binom.isf(1e-6, DRAWS, 1.6 * TARGET) / DRAWS
+    assert (rows["risk"] < limit).all()
+    tuned = table.attrs["method"]
+    assert (tuned.k0, tuned.k1) == tuple(rows.loc["tuned", ["k0", "k1"]])
+    assert tuned.k_vertical == rows.loc["tuned", "k_vertical"]
+    # Judged once more by the engine: mean level of the tuned record, in noise of its own.
+    drawn = pl_mc.sample(g, pl_mc.no_fault(g), draws=DRAWS, seed=1, methods=[tuned])
+    spread = drawn["vpl_m"].std() / np.sqrt(DRAWS)
+    error = np.hypot(spread, rows.loc["tuned", "objective_error"])
+    assert abs(drawn["vpl_m"].mean() - rows.loc["tuned", "objective"]) < 4.9 * error
+
+
+def test_what_does_not_move(g: Geometry) -> None:
+    table = tune(g, parameters=["k_vertical"], target=TARGET, draws=DRAWS, seed=7)
+    assert (table["k0"] == 1.5).all()
+    assert (table["k1"] == 5.0).all()
+    assert (table["change"] == 0.0).all()
+    assert (table["evaluations"] == 0).all()
+    one = tune(g, parameters=["k1"], target=TARGET, draws=DRAWS, steps=2, grid=2, seed=7)
+    assert (one["k0"] == 1.5).all()
+    other = tune(g, parameters="k0", method=Igg3(k1=3.0), target=TARGET, draws=DRAWS, steps=2, grid=2, seed=7)
+    assert (other["k1"] == 3.0).all()
+    assert (other["k0"] < 3.0).all()
+
+
+def test_bad_input(g: Geometry) -> None:
+    cases: list[tuple[dict, str]] = [
+        ({"target": 1e-7}, "draws: a target of 1e-07 needs at least 200000000"),
+        ({"target": 2.0}, "target: it lies between 0 and 1"),
+        ({"method": "ls"}, "method: IGG-III is tuned"),
+        ({"objective": "hpl"}, "objective: 'hpl' is unknown"),
+        ({"event": "missed"}, "event: 'missed' is unknown"),
+        ({"parameters": ["k2"]}, "parameters: 'k2' is unknown"),
+        ({"steps": 0}, "steps: a whole number"),
+        ({"grid": 0}, "grid: a whole number"),
+        ({"smoothing": 0.0}, "smoothing: a positive number"),
+        ({"seed": -1}, "seed"),
+        ({"g": 3}, "geometry: a pl_mc Geometry is needed"),
+        ({"g": g.as_series()}, "geometry: tuning is made for one epoch"),
+    ]
+    for options, message in cases:
+        with pytest.raises(InputError, match=message):
+            tune(options.pop("g", g), **options)
+    few = dataclasses.replace(pl_mc.simulate(epochs=1)[0])
+    rows = [k for k, letter in enumerate(few.systems) if letter == "G"][:4]
+    small = Geometry.from_arrays(
+        few.design[rows][:, :4], few.sigma_m[rows], [few.systems[k] for k in rows], [few.names[k] for k in rows]
+    )
+    with pytest.raises(InputError, match="geometry: this epoch has no redundancy"):
+        tune(small)
