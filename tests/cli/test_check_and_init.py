@@ -133,6 +133,82 @@ def test_the_cost_counts_scenarios_and_says_how_time_was_found(capsys: pytest.Ca
     assert single.seconds < many.seconds
 
 
+def test_sweeps_with_methods_of_their_own_are_counted_by_them() -> None:
+    # 21 faults: 20,000 draws of 21 methods, and 100,000 draws of 9 tests.
+    cost = cost_of(load_experiment("compare-methods")[1])
+    assert cost.scenarios == 21 * (20_000 * 21 + 100_000 * 9)
+
+
+def test_a_service_volume_costs_one_draw_of_a_method_whose_levels_are_of_the_geometry() -> None:
+    given = {"methods": [{"name": "igg3"}, {"name": "araim"}], "step_deg": 30.0, "duration_s": 1000.0}
+    cost = cost_of(load_experiment("service-volume", given)[1])
+    # 72 cells and 4 epochs of 300 s.
+    assert cost.scenarios == 72 * 4 * (100 + 1)
+    assert cost.seconds is not None
+
+
+def test_a_noise_experiment_costs_its_exposures_and_rare_events_too() -> None:
+    content = tomllib.loads(template(load_experiment("noise-sensitivity")[1]))
+    cheap, dear = (
+        cost_of(build_experiment(content | {"exposure": {"taus_s": [1.0], "draws": draws}}, source="t"))
+        for draws in (100, 1_000_000)
+    )
+    assert cheap.seconds is not None
+    assert dear.seconds is not None
+    assert cheap.scenarios == dear.scenarios
+    # 150 samples of each, by 3 methods, at some 2e6 a second.
+    assert dear.seconds - cheap.seconds == pytest.approx(225, rel=1e-2)
+    assert "as if all 18 rare events" in cheap.text()
+
+
+@pytest.mark.parametrize(
+    ("name", "change", "field", "words"),
+    [
+        ("time-ramps", {"sequential": [{"name": "kalmann"}]}, "sequential.0", "nearest: kalman"),
+        ("time-ramps", {"satellite": "G99"}, "satellite", "not in view"),
+        ("service-volume", {"error_model": "residuals"}, "error_model", "nearest: residual"),
+        ("service-volume", {"operations": ["LPV-20"]}, "operations", "nearest: LPV-200"),
+        ("service-volume", {"step_deg": 7.0}, "step_deg", "divides 180 deg"),
+        ("service-volume", {"durations_s": [1e6]}, "durations_s", "288 epochs"),
+        ("noise-sensitivity", {"rare": {"methods": ["ig3"]}}, "rare.methods", "nearest: igg3"),
+        ("noise-sensitivity", {"faults": {"satellite": "G99", "sizes_m": [5]}}, "faults.satellite", "not in view"),
+        (
+            "compare-methods",
+            {
+                "equal": {
+                    "draws": 10,
+                    "faults": {"satellite": "G09", "start_m": 1.0, "stop_m": 2.0, "step_m": 1.0},
+                    "methods": [{"name": "slope"}, {"name": "paritty"}],
+                }
+            },
+            "equal.methods.1",
+            "nearest: parity",
+        ),
+    ],
+)  # fmt: skip
+def test_parts_of_single_kinds_are_checked(name: str, change: dict[str, Any], field: str, words: str) -> None:
+    (problem,) = check_experiment(name, change).problems
+    assert problem.field == field
+    assert problem.line is not None
+    assert words in problem.reason
+
+
+def test_an_almanac_of_a_simulated_series_is_hashed_and_told(tmp_path: Path) -> None:
+    for name in ("zhao2021-static", "guo2022"):
+        record = load_experiment(name)[1]
+        assert record.input_files() == {}
+        content = record.model_dump() | {"source": {"kind": "site", "almanac": str(tmp_path / "week.alm")}}
+        content = {key: value for key, value in content.items() if value is not None}
+        changed = build_experiment(content, source="t")
+        assert changed.input_files() == {"source.almanac": tmp_path / "week.alm"}
+        assert "almanac week.alm" in changed.source.describe()  # type: ignore[attr-defined]
+
+
+def test_a_rate_is_not_in_seconds() -> None:
+    assert meaning(KINDS["time-ramps"].model, "rates_m_per_s").endswith("[m/s]; 0 for the fault-free pass")
+    assert "NPA" in meaning(KINDS["service"].model, "operations")
+
+
 def test_a_measured_cost_is_of_this_machine() -> None:
     record = build_experiment(
         tomllib.loads(template_for("sweep")) | {"draws": 256, "methods": [{"name": "ls"}]}, source="t"

@@ -29,7 +29,7 @@ SMALL: dict[str, Any] = {
     },
     "curves": {"epoch": 3, "step_m": 20.0, "draws": 300, "calibration_draws": 999},
 }  # fmt: skip
-ISSUE_COLUMNS = [
+REQUIRED_COLUMNS = [
     "test", "reading", "level", "bias_m", "epochs", "detections", "detection_rate", "low", "high", "paper_rate",
     "threshold", "p_fa_nominal", "p_fa_measured",
 ]  # fmt: skip
@@ -44,7 +44,7 @@ def made(**changes: Any) -> GuoExperiment:
 @pytest.fixture(scope="module")
 def small(tmp_path_factory: pytest.TempPathFactory) -> Path:
     folder = tmp_path_factory.mktemp("guo") / "small"
-    run_experiment("small", made(), folder, progress=False)
+    run_experiment("small", made(), folder)
     return folder
 
 
@@ -61,14 +61,14 @@ def test_files(small: Path) -> None:
     )
     wanted = {f"{name}.{ending}" for name in figures for ending in ("png", "svg")}
     tables = ("detection", "detection_draws", "hypotheses", "variance_factor", "power", "reliability")
-    wanted |= {f"{name}.csv" for name in tables} | {"epochs.parquet", "summary.md", "manifest.json"}
+    wanted |= {f"{name}.csv" for name in tables} | {"epochs.parquet", "summary.md", "manifest.json", "report.html"}
     assert {path.name for path in small.iterdir()} == wanted
     assert json.loads((small / "manifest.json").read_text())["experiment"]["p_fa"] == 0.01
 
 
 def test_detection_is_counted_over_the_epochs(small: Path) -> None:
     table, epochs = pd.read_csv(small / "detection.csv"), pd.read_parquet(small / "epochs.parquet")
-    assert list(table.columns[: len(ISSUE_COLUMNS)]) == ISSUE_COLUMNS
+    assert list(table.columns[: len(REQUIRED_COLUMNS)]) == REQUIRED_COLUMNS
     assert len(table) == 2 * 2 * 4
     assert (table.epochs == 24).all()
     for (test, level, bias), group in table.groupby(["test", "level", "bias_m"]):
@@ -120,7 +120,7 @@ def test_no_variance_factor_serves_the_whole_line(small: Path) -> None:
 
 
 def test_the_same_seed_gives_the_same_tables(small: Path, tmp_path: Path) -> None:
-    run_experiment("small", made(), tmp_path / "again", progress=False)
+    run_experiment("small", made(), tmp_path / "again")
     for name in ("detection.csv", "detection_draws.csv", "power.csv", "summary.md", "epochs.parquet"):
         assert (tmp_path / "again" / name).read_bytes() == (small / name).read_bytes()
 
@@ -171,7 +171,7 @@ def test_the_shipped_files_are_sound() -> None:
 )
 def test_what_cannot_be_run_is_refused(changes: dict, words: str, tmp_path: Path) -> None:
     with pytest.raises(InputError, match=words):
-        run_experiment("bad", made(**changes), tmp_path / "bad", progress=False)
+        run_experiment("bad", made(**changes), tmp_path / "bad")
 
 
 def test_wrong_fields_are_named() -> None:

@@ -47,7 +47,7 @@ def faults_of(**changes: Any) -> WindowFaults:
 @pytest.fixture(scope="module")
 def small(tmp_path_factory: pytest.TempPathFactory) -> Path:
     folder = tmp_path_factory.mktemp("series") / "small"
-    run_experiment("small", made(), folder, progress=False)
+    run_experiment("small", made(), folder)
     return folder
 
 
@@ -63,7 +63,7 @@ def test_files_are_named_after_the_paper(small: Path) -> None:
     figures = ("fig1_satellites", "fig3_errors_ls", "fig4_errors_robust", "fig5_vpl")
     wanted = {f"{name}.{ending}" for name in figures for ending in ("png", "svg")}
     wanted |= {"epochs.parquet", "faults.csv", "redraws.csv", "table1.csv", "table1.md"}
-    wanted |= {"summary.md", "manifest.json"}
+    wanted |= {"summary.md", "manifest.json", "report.html"}
     assert {path.name for path in small.iterdir()} == wanted
 
 
@@ -134,7 +134,7 @@ def test_the_summary_and_the_reasons_say_what_is_ours(small: Path) -> None:
 
 
 def test_the_same_seed_gives_the_same_tables(small: Path, geometry: pl_mc.Geometry, tmp_path: Path) -> None:
-    run_experiment("small", made(), tmp_path / "again", progress=False)
+    run_experiment("small", made(), tmp_path / "again")
     for name in ("faults.csv", "redraws.csv", "table1.csv", "table1.md", "summary.md", "epochs.parquet"):
         assert (tmp_path / "again" / name).read_bytes() == (small / name).read_bytes()
     listed = [faults_of().draw(geometry, seed=seed).listed for seed in (0, 1)]
@@ -232,7 +232,7 @@ def test_a_flight_is_solved_like_a_site(tmp_path: Path) -> None:
     # The methods do not matter here, and least squares compiles in no time.
     methods = [{"name": "ls"}, {"name": "ls", "k_vertical": 4.0}]
     experiment = made(source=source, compare="dynamic", faults={"windows": [(20, 60)]}, methods=methods, redraws=0)
-    run_experiment("flight", experiment, tmp_path / "flight", progress=False)
+    run_experiment("flight", experiment, tmp_path / "flight")
     names = {path.name for path in (tmp_path / "flight").iterdir()}
     assert {"flight.csv", "flight.png", "table2.csv", "fig2_satellites.svg", "fig9_vpl.png"} <= names
     flight = pd.read_csv(tmp_path / "flight" / "flight.csv")
@@ -262,7 +262,7 @@ def test_a_receivers_results_do_not_say_where_its_files_lie(
     monkeypatch.setenv("PL_MC_DATA", str(data_folder))
     methods = [{"name": "ls"}, {"name": "ls", "k_vertical": 4.0}]
     experiment = load_experiment("zhao2021-dynamic-card", {"redraws": 0, "methods": methods})[1]
-    run_experiment("card", experiment, tmp_path / "card", progress=False)
+    run_experiment("card", experiment, tmp_path / "card")
     for name in ("summary.md", "manifest.json", "table2.md"):
         assert str(data_folder) not in (tmp_path / "card" / name).read_text()
     manifest = json.loads((tmp_path / "card" / "manifest.json").read_text())
@@ -323,8 +323,8 @@ def test_missing_receiver_files_name_the_variable(tmp_path: Path, monkeypatch: p
     with pytest.raises(
         pl_mc.InputError, match=r"source.observations: ESBC.*let the environment variable PL_MC_DATA"
     ):
-        run_experiment("missing", experiment, tmp_path / "out", progress=False)
+        run_experiment("missing", experiment, tmp_path / "out")
     monkeypatch.setenv("PL_MC_DATA", str(tmp_path))
     with pytest.raises(pl_mc.InputError, match=r"which the environment variable PL_MC_DATA names"):
-        run_experiment("missing", experiment, tmp_path / "out", progress=False)
+        run_experiment("missing", experiment, tmp_path / "out")
     assert not (tmp_path / "out").exists()

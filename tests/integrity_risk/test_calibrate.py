@@ -419,3 +419,9 @@ def test_bad_input() -> None:
     third = _day(np.random.default_rng(2))[2:3]
     with pytest.raises(InputError, match="faults: none of them has all of its satellites in view"):
         calibrate(third, faults=Faults.from_array(third, unseen))
+
+
+@pytest.mark.parametrize("method", ["parity", "max_dop", "leave_one_out"])
+def test_levels_that_are_no_multiple_cannot_be_calibrated(method):
+    with pytest.raises(pl_mc.InputError, match="no multiple of k_vertical"):
+        pl_mc.calibrate(appendix_d(), method=method, target=1e-2)

@@ -14,13 +14,14 @@ import pytest
 import statsmodels.api as sm
 from scipy.optimize import linprog
 
+import pl_mc
 from pl_mc import InputError
 from pl_mc.kernels import HuberWeight, IrlsOptions, TukeyWeight, irls, linear_model, protection_levels, start_from
 from pl_mc.kernels.s_estimate import SOptions, s_estimate
 from pl_mc.kernels.weights import HampelWeight, L1Weight
 from pl_mc.methods import L1, MM, Danish, Hampel, Huber, Tukey, method
 from reference import igg3_numpy as oracle
-from reference.problems import random_sky
+from reference.problems import appendix_d, random_sky
 
 LANES, N, T = 40, 16, 5
 NORMS = {
@@ -250,3 +251,13 @@ def test_faults_as_large_as_they_like_leave_mm_where_it_is():
 def test_options_that_do_not_exist(make, words):
     with pytest.raises(InputError, match=words):
         make()
+
+
+def test_the_least_absolute_residuals_exist_under_any_fault() -> None:
+    """Weights that are all small are no singular matrix."""
+    g = appendix_d()
+    for precision in ("float64", "float32"):
+        table = pl_mc.sweep(
+            g, pl_mc.biases(g, {g.names[0]: 5_000.0}), draws=256, seed=1, methods=("l1",), precision=precision
+        )
+        assert table.unavailable.sum() == 0

@@ -53,6 +53,7 @@ def test_a_run_leaves_tables_and_pictures(folder):
         assert (folder / f"{name}.svg").is_file()
     notes = json.loads((folder / "manifest.json").read_text())["notes"]
     assert any("Switched off: G05" in note for note in notes)
+    assert any("continuity has no sampling interval" in note for note in notes)
     worst = pd.read_csv(folder / "worst_sites.csv")
     assert (worst.availability_rate < 1.0).all()
     assert worst.groupby(["method", "operation"], sort=False).availability_rate.is_monotonic_increasing.all()
@@ -69,6 +70,11 @@ def test_summary_and_answer_have_the_numbers_of_the_table(folder):
         assert f"araim {100 * row.availability_rate:.3g}" in answer[0]
     assert f"({int(row.coverage_sites)} of 18 sites)" in answer[1]
     assert "operations of 150 s" in answer[2]
+
+
+def test_the_sky_plot_has_the_epochs_of_the_run():
+    experiment = build_experiment(tomllib.loads(SMALL.replace("43200.0", "45000.0")), source="small.toml")
+    assert len(experiment.sky()) == 7
 
 
 def test_the_shipped_experiment_is_sound():

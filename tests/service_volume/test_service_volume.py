@@ -20,13 +20,13 @@ from pl_mc.geometry.constellations import constellation_slots
 from pl_mc.geometry.frames import from_geodetic
 from pl_mc.geometry.gps_time import gps_seconds
 from pl_mc.geometry.record import UP
-from pl_mc.methods import METHODS, Araim, Ls, method
+from pl_mc.methods import METHODS, Araim, Ls, Parity, WTest, method
 from pl_mc.service.continuity import as_durations, continuity, run_counts
 from pl_mc.service.counting import weighted_rate
 from pl_mc.service.grid import world_grid
 from pl_mc.service.levels import levels_from_geometry, levels_of_batch
 from pl_mc.service.sky import Geometries, WorldSky
-from pl_mc.service.volume import service_volume
+from pl_mc.service.volume import epoch_count, service_volume
 from pl_mc.statistics import clopper_pearson
 from reference import araim_numpy as reference
 
@@ -151,9 +151,16 @@ def test_levels_from_the_geometry_know_nothing_of_noise_padding_or_order(monkeyp
     Rows in another order, with the padding between them, change nothing either.
     """
     names = [name for name in METHODS if levels_from_geometry(method(name)) and name != "araim"]
-    assert len(names) >= 4
+    assert "parity" in names
     with_test = {name: {"p_fa": 0.5} if hasattr(method(name), "p_fa") else {} for name in names}
     methods = [method(name, **options) for name, options in with_test.items()]
+    methods += [
+        Parity(p_fa=0.5, form="sigma"),
+        WTest(p_fa=0.5, exclusions=0),
+        WTest(p_fa=0.5, exclusions=0, form="reliability", variance="posterior"),
+    ]
+    assert all(levels_from_geometry(one) for one in methods)
+    names = [one.name for one in methods]
     monkeypatch.setattr("pl_mc.service.levels.levels_from_geometry", lambda _: False)
     rng = np.random.default_rng(3)
     batch, numbers = batch_of(rng, rows=11), np.arange(3)
@@ -168,8 +175,12 @@ def test_levels_from_the_geometry_know_nothing_of_noise_padding_or_order(monkeyp
             np.testing.assert_allclose(two, one, rtol=1e-9, err_msg=name)
 
 
-def test_least_squares_is_none_of_them():
-    assert not levels_from_geometry(Ls())
+@pytest.mark.parametrize(
+    "one",
+    [Ls(), Parity(exclude=True), WTest(), WTest(exclusions=0, variance="posterior"), WTest(form="reliability")],
+)
+def test_what_excludes_or_scales_with_residuals_is_none_of_them(one):
+    assert not levels_from_geometry(one)
 
 
 def test_cells_have_their_areas():
@@ -261,6 +272,46 @@ def test_runs_are_counted_as_by_hand():
     assert (low[0], high[0]) == (0.0, 1.0)
 
 
+def test_a_method_without_noise_has_no_sampling_interval(volume):
+    """In both tables; where nothing starts, nothing is known."""
+    for table in (volume.sites, volume.world):
+        rows = table[table.method.isin(volume.exact)]
+        for label in ("1350s", "5400s", "8100s"):
+            rate, low, high = (rows[f"continuity_{label}_{part}"] for part in ("rate", "low", "high"))
+            known = rate.notna()
+            assert ((rate > 0.0) & (rate < 1.0)).any()
+            assert (low[known] == rate[known]).all()
+            assert (high[known] == rate[known]).all()
+            assert (low[~known] == 0.0).all()
+            assert (high[~known] == 1.0).all()
+    noisy = volume.world[(volume.world.method == "ls") & (volume.world.operation == "near")].iloc[0]
+    assert noisy.continuity_8100s_low < noisy.continuity_8100s_rate < noisy.continuity_8100s_high
+
+
+def test_bounds_hold_where_runs_share_draws():
+    """Service by chance, 1/2 at each of 121 epochs: runs of four further epochs keep it with (1/2)^4."""
+    times, j = 4_000, 4
+    serves = np.random.default_rng(12).random((times, 121, 1)) < 0.5
+    (duration,) = as_durations(400.0, step_s=100.0, epochs=121)
+    counts = {j: run_counts(serves, j)}
+    value, low, high = continuity(duration, counts)
+    # Standard error of the mean of all below that of a quarter of the starts; five of them.
+    share = counts[j][1].sum() / counts[j][0].sum()
+    assert abs(share - 0.5**j) < 5 * np.sqrt(0.5**j / (counts[j][0].sum() / j))
+    assert ((low <= value) & (value <= high)).all()
+    # As often as said, less five standard errors; with all starts as trials they would not.
+    missed = ((low > 0.5**j) | (high < 0.5**j)).mean()
+    assert missed < 0.05 + 5 * np.sqrt(0.05 * 0.95 / times)
+    below, above = clopper_pearson(counts[j][1], counts[j][0])
+    assert ((below > 0.5**j) | (above < 0.5**j)).mean() > 0.05 + 5 * np.sqrt(0.05 * 0.95 / times)
+
+
+def test_steps_that_divide_the_duration_but_for_rounding_have_no_epoch_at_its_end():
+    assert [epoch_count(*pair) for pair in ((0.3, 0.1), (86_400.0, 300.0), (86_401.0, 300.0), (1.0, 300.0))] == [
+        3, 288, 289, 1,
+    ]  # fmt: skip
+
+
 def test_continuity_of_a_known_chain():
     """Service that is lost in a step with probability 1/5 keeps it over a step and a half with (0.8 + 0.64) / 2."""
     rng = np.random.default_rng(8)
@@ -281,6 +332,9 @@ def test_weighted_rates():
     expected = clopper_pearson(0, 1)
     assert low < rate < high
     assert expected[0] == 0.0
+    # Of 30 trials of which two on end share draws, 15 are independent.
+    pairs = weighted_rate(np.full(3, 1 / 3), np.array([4, 4, 4]), trials, shared=2)
+    assert pairs[1:] == pytest.approx([float(bound) for bound in clopper_pearson(6, 15)])
     alike = weighted_rate(np.full(3, 1 / 3), np.array([4, 4, 4]), trials)
     assert alike[1:] == pytest.approx([float(bound) for bound in clopper_pearson(12, 30)])
     nothing = weighted_rate(weight, np.zeros(3), np.zeros(3))
@@ -299,12 +353,19 @@ def test_operations_without_a_vertical_limit_ask_for_a_solution():
     [
         ({"step_deg": 7.0}, r"step_deg: 7 deg cannot be used; .* nearest: 6.92308"),
         ({"step_deg": 0.5}, r"step_deg: 0.5 deg .* nearest: 1\."),
-        ({"step_s": 1.0}, r"step_s: 1 s make 86,400 epochs; at most 20,000"),
+        (
+            {"step_s": 1.0},
+            r"step_s: 1 s make 86,400 epochs; at most 20,000 are possible: for 86400 s, steps of 4.32 s or",
+        ),
         ({"mask_deg": 90.0}, "mask_deg: 90 deg is outside"),
         ({"operations": ("LPV200",)}, r"operations: 'LPV200' is unknown .nearest: LPV-200"),
         ({"operations": ("LPV-200", "LPV-200")}, "operations: LPV-200 is asked for twice"),
         ({"operations": ()}, "operations: at least one is needed"),
         ({"operations": (35.0,)}, "operations: a name or alert limits"),
+        ({"operations": 5}, "operations: a name or alert limits such as pl_mc.LPV_200 are needed, not int"),
+        ({"durations_s": 90_000.0}, "durations_s: an operation of 90000 s needs more"),
+        ({"durations_s": "15"}, "durations_s: a finite number is needed, not '15'"),
+        ({"durations_s": None}, "durations_s: a finite number is needed, not None"),
         ({"durations_s": (90_000.0,)}, r"durations_s: an operation of 90000 s needs more than the 288 epochs"),
         ({"draws": 0}, "draws: a whole number from 1"),
         ({"without": ("G99",)}, "without: 'G99' is not in GPS, GAL"),

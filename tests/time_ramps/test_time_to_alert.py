@@ -95,16 +95,35 @@ def test_passes_are_counted_as_said() -> None:
     error = np.array([0.0, 5.0, 21.0, 30.0, 0.0, 3.0, 0.0])
     row = timing_columns(alarm, hazard, error, samples=20, interval_s=1.0)
     assert (row["passes"], row["detected"], row["hazards"], row["monitored_s"]) == (7, 4, 5, 19.0)
-    # After the hazard: -2, 1, 7, never (18 s left), never (1 s left).
+    # After the hazard: -2 (13 s left), 1 (11 s left), 7 (17 s left), never (18 s left), never (1 s left).
     assert (row["within_6"], row["late_6"], row["undecided_6"]) == (2, 2, 1)
     assert (row["within_10"], row["late_10"], row["undecided_10"]) == (3, 1, 1)
-    assert (row["within_30"], row["late_30"], row["undecided_30"]) == (3, 0, 2)
+    # The whole pass is too short for it.
+    assert (row["within_30"], row["late_30"], row["undecided_30"]) == (0, 0, 5)
     assert row["late_6_rate"] == pytest.approx(2 / 6)
     assert row["within_6_rate"] == pytest.approx(2 / 4)
     assert row["alert_after_hazard_50_s"] == 7.0
     assert row["alert_after_hazard_95_s"] == math.inf
     assert row["alert_after_onset_50_s"] == 12.0
     assert row["error_at_alert_50_m"] == 5.0
+
+
+def test_the_end_of_the_pass_favours_no_alarm() -> None:
+    """Hazards up to the end, delays exponential with a mean of 10 s: within L come 1 - exp(-L / 10)."""
+    rng = np.random.default_rng(9)
+    passes, samples, interval_s = 40_000, 601, 0.1
+    hazard = rng.integers(samples // 2, samples, passes)
+    alarm = hazard + np.ceil(rng.exponential(10.0, passes) / interval_s).astype(int)
+    alarm = np.where(alarm < samples, alarm, -1)
+    row = timing_columns(alarm, hazard, np.zeros(passes), samples, interval_s)
+    for limit, left in ((6, 240), (10, 200), (30, 0)):
+        decided = row[f"decided_{limit}"]
+        # Of 301 samples 240, 200 and none leave more than the limit, and one leaves just that.
+        assert decided == (hazard <= samples - 1 - limit / interval_s).sum()
+        assert decided > 0.9 * passes * left / 301
+        assert decided + row[f"undecided_{limit}"] == row["hazards"] == passes
+        within = 1.0 - math.exp(-limit / 10.0)
+        assert abs(row[f"within_{limit}_rate"] - within) < 4.5 * math.sqrt(within * (1.0 - within) / decided)
 
 
 def test_quantiles_have_the_bounds_of_order_statistics() -> None:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 import re
 from collections.abc import Callable, Collection, Generator, Iterator, Mapping, Sequence
 from dataclasses import dataclass
@@ -21,6 +22,10 @@ from pl_mc.geometry import Geometry
 from pl_mc.input_errors import InputError, require_choice
 from pl_mc.methods import method
 from pl_mc.noise_models import noise_model
+from pl_mc.service.continuity import as_durations
+from pl_mc.service.grid import world_grid
+from pl_mc.service.volume import as_operations
+from pl_mc.time_ramps.registry import sequential
 
 _HEADING = re.compile(r"^\s*(\[{1,2})\s*([^\[\]]+?)\s*\]{1,2}\s*(?:#.*)?$")
 _FIELD = re.compile(r"^\s*((?:[\w-]+|\"[^\"]*\")(?:\s*\.\s*(?:[\w-]+|\"[^\"]*\"))*)\s*=")
@@ -151,14 +156,17 @@ def _line(field: str, lines: Mapping[str, int]) -> int | None:
 
 
 def _further_problems(content: Mapping[str, Any]) -> Iterator[FieldProblem]:
-    """What a record cannot tell alone: unknown methods, places, satellites. Parts that are wrong otherwise are "
-    "left."""
+    """What a record cannot tell alone: unknown methods, places, satellites; parts wrong otherwise are left."""
     if content.get("kind") not in KINDS:
         return
     yield from _named(content.get("methods"), "methods", method)
     yield from _named(content.get("tests"), "tests", detector)
     yield from _named(content.get("noises"), "noises", noise_model)
     yield from _named([content.get("noise")], "noise", noise_model)
+    yield from _named(content.get("sequential"), "sequential", sequential)
+    equal = content.get("equal")
+    if isinstance(equal, Mapping):
+        yield from _named(equal.get("methods"), "equal.methods", method)
     if isinstance(content.get("alert"), str):
         yield from _tried("alert", lambda: require_choice(content["alert"], BY_NAME, field="alert"))
     geometry: Geometry | None = None
@@ -183,10 +191,31 @@ def _further_problems(content: Mapping[str, Any]) -> Iterator[FieldProblem]:
             yield from _tried("faults", lambda: build(geometry))
         for field, name in _satellites(record, geometry):
             yield from _tried(field, lambda name=name: require_satellite(geometry, name))  # type: ignore[misc]
+    yield from _of_kind(record)
     if str(record.kind) == "observe":  # type: ignore[attr-defined]
         for field, path in record.input_files().items():
             if not path.is_file():
                 yield FieldProblem(field, f"{path}: there is no such file.")
+
+
+def _of_kind(record: Any) -> Iterator[FieldProblem]:
+    """What single kinds ask for besides."""
+    if record.kind == "service":
+        yield from _error_model("", record.model_dump(include={"error_model", "error_options"}))
+        yield from _tried("operations", lambda: as_operations(record.operations))
+        yield from _tried("step_deg", lambda: world_grid(record.step_deg))
+        epochs = max(1, math.ceil(record.duration_s / record.step_s - 1e-9))
+        yield from _tried(
+            "durations_s", lambda: as_durations(record.durations_s, step_s=record.step_s, epochs=epochs)
+        )
+    elif record.kind == "noise":
+        try:
+            known = [one.name for one in record.method_records()]
+        except (InputError, TypeError):
+            # The wrong method has been named.
+            return
+        for name in record.rare.methods:
+            yield from _tried("rare.methods", lambda name=name: require_choice(name, known, field="rare.methods"))  # type: ignore[misc]
 
 
 def _record(content: Mapping[str, Any]) -> Experiment | None:
@@ -220,7 +249,8 @@ def _named(given: Any, field: str, make: Callable[..., Any]) -> Iterator[FieldPr
 def _error_model(part: str, given: Mapping[str, Any]) -> Iterator[FieldProblem]:
     name, options = given.get("error_model", "residual"), given.get("error_options", {})
     if isinstance(name, str) and isinstance(options, Mapping):
-        yield from _tried(f"{part}.error_model", lambda: error_model(name, **options))
+        field = f"{part}.error_model" if part else "error_model"
+        yield from _tried(field, lambda: error_model(name, **options))
 
 
 def _simulated(part: str, given: Mapping[str, Any]) -> Generator[FieldProblem, None, Geometry | None]:
@@ -253,9 +283,13 @@ def _simulated(part: str, given: Mapping[str, Any]) -> Generator[FieldProblem, N
 
 
 def _satellites(record: Any, g: Geometry) -> Iterator[tuple[str, str]]:
-    """Satellites that a record names outside its faults."""
+    """Satellites that a record names, other than in faults that are built."""
     fields: list[tuple[str, Sequence[str]]] = []
-    if record.kind == "stanford":
+    if record.kind == "time-ramps":
+        fields = [("satellite", (record.satellite,))]
+    elif record.kind == "noise":
+        fields = [("faults.satellite", (record.faults.satellite,))]
+    elif record.kind == "stanford":
         fields = [("satellites", record.satellites)]
     elif record.kind == "risk":
         estimated = record.worst.estimated
@@ -278,8 +312,7 @@ def _tried(field: str, act: Callable[[], Any], inner: Collection[str] = ()) -> I
 
 
 def _as_problem(error: InputError, field: str, inner: Collection[str] = ()) -> FieldProblem:
-    """An error as a problem of a field, or of one of its ``inner`` fields where its sentence begins with that "
-    "one."""
+    """An error as a problem of a field, or of one of its ``inner`` fields where its sentence begins with it."""
     head, _, rest = str(error).partition(": ")
     if rest and head in (field, field.rpartition(".")[2]):
         return FieldProblem(field, rest)

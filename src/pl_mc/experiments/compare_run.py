@@ -31,6 +31,12 @@ from pl_mc.report.compare_methods_text import compare_summary
 from pl_mc.report.figures import save_figure
 from pl_mc.statistics.intervals import binomial_p_value, clopper_pearson
 
+# What a reader who ranks methods by level or availability has to know.
+LEVELS_DIFFER = (
+    "Levels are taken as they are and do not keep the same risk, as the misleading rates show: a smaller level or "
+    "more availability is no merit by itself."
+)
+
 EVENTS_COMPARED = ("alarm", "missed", "misleading", "hazard")
 
 # A measured false-alarm rate is another one than p_fa where a test at this level, shared by all tests, says so.
@@ -145,7 +151,7 @@ def run(experiment: CompareExperiment, folder: Path, *, execution: Execution) ->
         write_table(tests.tests, folder, "equal")
         save_figure(equal_figure(tests, alert=alert, title=title), folder, "tests")
     summary = compare_summary(rates, overview, tests, g, title=title, alert=alert, seed=experiment.seed)
-    return summary, (*notes, *rates.attrs["notes"])
+    return summary, (*notes, LEVELS_DIFFER, *rates.attrs["notes"])
 
 
 def fault_free_table(

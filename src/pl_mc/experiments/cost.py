@@ -5,6 +5,7 @@ Times come from rates that were measured once, on two cores of an AMD EPYC, or a
 
 from __future__ import annotations
 
+import math
 import time
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
@@ -20,6 +21,9 @@ from pl_mc.experiments.sweeps import PlannedSweep
 from pl_mc.faults import Faults, ramps
 from pl_mc.geometry import Geometry
 from pl_mc.host.threads import cores
+from pl_mc.methods import Method
+from pl_mc.service.grid import world_grid
+from pl_mc.service.levels import levels_from_geometry
 
 # Scenarios a second of one core, method by method, for 16 satellites in double precision: processor time of
 # sweeps of 256,000 scenarios. Methods that are not here are taken as the slowest that is.
@@ -40,7 +44,19 @@ START_S, COMPILE_S = 5.0, 4.0
 
 # Kinds that are no sweeps: units of work a second on two cores, from the seconds in the manifests of shipped
 # experiments.
-UNITS_PER_S = {"guo": 1.7e6, "readings": 3.1e4, "risk": 0.25, "series": 1.05e5, "stanford": 3.4e5}
+UNITS_PER_S = {
+    "guo": 1.7e6,
+    "readings": 3.1e4,
+    "risk": 0.25,
+    "series": 1.05e5,
+    "service": 1.1e5,
+    "stanford": 3.4e5,
+    "time-ramps": 2.0e6,
+}
+
+# Of the kind noise, besides its sweeps: exposures as timed alone, rare events by what they leave of the seconds in
+# the manifest of the shipped experiment; of evaluations those that are allowed.
+EXPOSURE_SAMPLES_PER_S, RARE_EVALUATIONS_PER_S = 2.0e6, 5.9e4
 
 # Peak of a sweep of 1e6 scenarios; of 1e8 it was 674 MB.
 BASE_MEMORY_MB = 620.0
@@ -79,7 +95,8 @@ def cost_of(experiment: Experiment, *, measure: bool = False) -> Cost:
 
     Args:
         experiment: a sound one.
-        measure: run a small part of its first sweep twice, the second time against the clock.
+        measure: run a small part of its first sweep twice, the second time against the clock; and of the first
+            with other methods.
 
     Raises:
         InputError: what only its geometry or faults can tell is wrong with it.
@@ -98,23 +115,45 @@ def cost_of(experiment: Experiment, *, measure: bool = False) -> Cost:
 
 
 def _cost_of_sweeps(experiment: Experiment, planned: Sequence[PlannedSweep], *, measure: bool) -> Cost:
-    methods = experiment.method_records()
+    # A sweep may have methods of its own.
+    own: list[tuple[Method, ...]] = [getattr(one, "methods", ()) or experiment.method_records() for one in planned]
     cases = [int(one.faults.applies(one.g).sum()) * one.draws for one in planned]
-    scenarios = sum(cases) * len(methods)
+    scenarios = sum(number * len(methods) for number, methods in zip(cases, own, strict=True))
     arrays = sum(_bytes(one.g, one.faults) for one in planned) / 1e6
-    memory = BASE_MEMORY_MB + 3.0 * arrays + 25.0 * max(0, len(methods) - 2)
+    memory = BASE_MEMORY_MB + 3.0 * arrays + 25.0 * max(0, max(map(len, own), default=0) - 2)
+    beside, about = _beside_sweeps(experiment)
     if measure and scenarios:
-        per_case, first = _measured(experiment, planned[0])
-        seconds = START_S + first + sum(cases) * per_case
-        return Cost(scenarios, seconds, memory, _MEASURED)
+        # Once for each set of methods.
+        rates: dict[tuple[Method, ...], tuple[float, float]] = {}
+        for one, methods in zip(planned, own, strict=True):
+            if methods not in rates:
+                rates[methods] = _measured(experiment, one)
+        work = sum(number * rates[methods][0] for number, methods in zip(cases, own, strict=True))
+        seconds = START_S + sum(first for _, first in rates.values()) + work + beside
+        return Cost(scenarios, seconds, memory, _MEASURED + about)
     slowest = min(SCENARIOS_PER_CORE_S.values())
     gain = SINGLE_PRECISION_GAIN if experiment.precision == "float32" else 1.0
-    bases = [one.name.split("(")[0] for one in methods]
-    work = sum(cases) * sum(1.0 / SCENARIOS_PER_CORE_S.get(base, slowest) for base in bases) / gain
-    strange = sorted({base for base in bases if base not in SCENARIOS_PER_CORE_S})
+    bases = [[one.name.split("(")[0] for one in methods] for methods in own]
+    work = sum(
+        number * sum(1.0 / SCENARIOS_PER_CORE_S.get(base, slowest) for base in names)
+        for number, names in zip(cases, bases, strict=True)
+    )
+    strange = sorted({base for names in bases for base in names if base not in SCENARIOS_PER_CORE_S})
     taken = f"; {', '.join(strange)} taken as fast as the slowest known" if strange else ""
-    seconds = START_S + COMPILE_S * len(methods) * len(planned) + work / cores()
-    return Cost(scenarios, seconds, memory, _STORED + taken)
+    seconds = START_S + COMPILE_S * sum(map(len, own)) + work / gain / cores() + beside
+    return Cost(scenarios, seconds, memory, _STORED + taken + about)
+
+
+def _beside_sweeps(experiment: Any) -> tuple[float, str]:
+    """Seconds of what a kind does besides its sweeps, and words about it; only noise does much."""
+    if experiment.kind != "noise":
+        return 0.0, ""
+    rare, given = experiment.rare, experiment.exposure
+    estimates = len(experiment.noises) * len(set(rare.sizes_m)) * len(rare.methods)
+    samples = max(1, round(given.duration_s / given.interval_s)) * given.draws
+    solved = samples * len(set(given.sizes_m)) * len(set(given.taus_s)) * len(experiment.method_records())
+    seconds = estimates * rare.max_evaluations / RARE_EVALUATIONS_PER_S + solved / EXPOSURE_SAMPLES_PER_S
+    return seconds, f"; as if all {estimates} rare events had to be estimated, which only a run can tell"
 
 
 def _measured(experiment: Experiment, planned: PlannedSweep) -> tuple[float, float]:
@@ -177,6 +216,20 @@ def _guo(experiment: Any) -> tuple[int | None, float]:
     return None, float(units)
 
 
+def _time_ramps(experiment: Any) -> tuple[int | None, float]:
+    """Epochs solved: passes of every rate and those of the calibration, by every test, at every correlation."""
+    passes = len(experiment.rates_m_per_s) * experiment.draws + 2 * experiment.calibration_draws
+    return None, float(len(experiment.taus_s) * passes * experiment.geometry.epochs * len(experiment.tests()))
+
+
+def _service(experiment: Any) -> tuple[int, float]:
+    """Solutions at all sites and epochs; one draw tells all of a method whose levels depend on geometry alone."""
+    epochs = max(1, math.ceil(experiment.duration_s / experiment.step_s - 1e-9))
+    draws = sum(1 if levels_from_geometry(one) else experiment.draws for one in experiment.method_records())
+    scenarios = len(world_grid(experiment.step_deg)) * epochs * draws
+    return scenarios, float(scenarios)
+
+
 def _risk(experiment: Any) -> tuple[int | None, float]:
     """Estimates of rare events; least squares is exact and costs nothing beside them."""
     curves, worst, calibration = experiment.curves, experiment.worst, experiment.calibration
@@ -194,7 +247,9 @@ _COUNTS: dict[str, Callable[[Any], tuple[int | None, float]]] = {
     "readings": _readings,
     "risk": _risk,
     "series": _series,
+    "service": _service,
     "stanford": _stanford,
+    "time-ramps": _time_ramps,
 }
 
 

@@ -16,6 +16,8 @@ from typing import Any, Literal
 from pydantic import BaseModel
 from pydantic.fields import FieldInfo
 
+from pl_mc.alert import OPERATIONS
+
 SHARED: dict[str, str] = {
     "kind": "what sort of experiment this is",
     "title": "heading of the summary, the figures and the page",
@@ -122,6 +124,10 @@ ALONE: dict[tuple[str, str], str] = {
     ("RiskExperiment", "worst"): "the worst fault of every satellite",
     ("RiskExperiment", "budgets"): SHARED["budgets"],
     ("RiskExperiment", "calibration"): "the multiplier that keeps a target",
+    (
+        "ServiceExperiment",
+        "operations",
+    ): f"operations of the tables, of {', '.join(OPERATIONS)}; the one of the maps is added where it is missing",
     ("VariantsExperiment", "draws"): "noise draws for each fault",
     ("VariantsExperiment", "weight_draws"): "draws, of those, whose weights are looked at",
     (
@@ -142,7 +148,9 @@ def meaning(record: type, field: str) -> str:
     said = info.description if isinstance(info, FieldInfo) and info.description else None
     alone = next((ALONE[key] for owner in record.__mro__ if (key := (owner.__name__, field)) in ALONE), None)
     text = said or alone or _from_docstrings(record, field) or SHARED.get(field, "")
-    unit = next((unit for ending, unit in _UNITS if field.endswith(ending)), None)
+    # A rate names its own unit: m_per_s is not in seconds.
+    rate = field.endswith("_per_s")
+    unit = None if rate else next((unit for ending, unit in _UNITS if field.endswith(ending)), None)
     if text and unit and f"[{unit}" not in text and f" {unit}" not in text:
         text = f"{text} [{unit}]"
     return text

@@ -109,7 +109,7 @@ class NoiseExperiment(Experiment):
 def sweeps(experiment: NoiseExperiment) -> tuple[PlannedSweep, ...]:
     """The sweeps of the experiment, one for each noise model."""
     g = _epoch(experiment)
-    faults = _faults(g, experiment.faults.satellite, (0.0, *experiment.faults.sizes_m))
+    faults = _faults(g, experiment.faults.satellite, tuple(dict.fromkeys((0.0, *experiment.faults.sizes_m))))
     return tuple(
         PlannedSweep(f"noise-{k:02d}", g, faults, experiment.draws, noise)
         for k, noise in enumerate(experiment.noise_records())
@@ -258,5 +258,5 @@ def _epoch(experiment: NoiseExperiment) -> Geometry:
 
 
 def _faults(g: Geometry, satellite: str, sizes_m: tuple[float, ...]) -> Faults:
-    made = [biases(g, {satellite: size}) if size else no_fault(g) for size in sizes_m]
+    made = [biases(g, {satellite: size}) if size else no_fault(g) for size in dict.fromkeys(sizes_m)]
     return sum(made[1:], made[0])

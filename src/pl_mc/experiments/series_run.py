@@ -53,8 +53,11 @@ class SeriesExperiment(Experiment):
         return methods
 
     def input_files(self) -> Mapping[str, Path]:
-        """The receiver's files, if it is one."""
-        return self.source.files() if isinstance(self.source, ReceiverSource) else {}
+        """The receiver's files, or the almanac of a simulated source that has one."""
+        if isinstance(self.source, ReceiverSource):
+            return self.source.files()
+        almanac = getattr(self.source, "almanac", None)
+        return {} if almanac is None else {"source.almanac": almanac}
 
 
 def run(experiment: SeriesExperiment, folder: Path, *, execution: Execution) -> tuple[str, tuple[str, ...]]:

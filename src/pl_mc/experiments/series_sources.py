@@ -65,10 +65,11 @@ class SiteSource(SimulatedGeometry):
 
     def describe(self) -> str:
         """The source in words."""
+        taken = "" if self.almanac is None else f" (GPS from the almanac {self.almanac.name})"
         return (
             f"simulated {self.site} from {self.start} (GPS time), {self.epochs} epochs every {self.interval_s:g} s "
-            f"under nominal {' + '.join(self.constellations)}, mask {self.mask_deg:g} deg; one draw of noise "
-            f"from the error model {self.error_model}"
+            f"under nominal {' + '.join(self.constellations)}{taken}, mask {self.mask_deg:g} deg; one draw of "
+            f"noise from the error model {self.error_model}"
         )
 
 

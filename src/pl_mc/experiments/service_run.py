@@ -25,7 +25,7 @@ from pl_mc.report.service_figures import (
 )
 from pl_mc.report.service_text import service_summary
 from pl_mc.report.sky_plot import sky_figure
-from pl_mc.service.volume import DAY_S, MOST_DRAWS, ServiceVolume, as_operations, service_volume
+from pl_mc.service.volume import DAY_S, MOST_DRAWS, ServiceVolume, as_operations, epoch_count, service_volume
 
 # Sites of the lists of the worst.
 WORST = 10
@@ -76,7 +76,7 @@ class ServiceExperiment(Experiment):
 
     def sky(self) -> Geometry:
         """The satellites over the site of the sky plot, at the epochs of the run but no more than a day of them."""
-        epochs = max(1, round(min(self.duration_s, DAY_S) / self.step_s))
+        epochs = epoch_count(min(self.duration_s, DAY_S), self.step_s)
         return simulate(
             site=self.site, start=self.start, epochs=epochs, interval_s=self.step_s, mask_deg=self.mask_deg,
             constellations=self.constellations, without=self.without, error_model=self.model(),
@@ -134,11 +134,15 @@ def _notes(experiment: ServiceExperiment, found: ServiceVolume) -> tuple[str, ..
         "errors are fault-free and Gaussian, constellations nominal, users on the ellipsoid without terrain.",
         "Continuity is told by whole steps between epochs: an outage between two of them is not seen, every epoch "
         "draws its own noise, and false alerts and failures of satellites are not part of it.",
+        "Levels are taken as they are and do not keep the same risk: more availability is no merit by itself. "
+        "Without a fault, at one epoch over CUT0, least squares with K 5.33 is exceeded in about 2e-4 of draws and "
+        "IGG-III in about 2e-3, while ARAIM is made for 1e-7.",
     ]
     if found.exact:
         notes.append(
             f"{', '.join(found.exact)}: levels depend on the geometry alone, so that one draw tells all; bounds of "
-            "the availability say at which moment within a step service may have changed."
+            "the availability say at which moment within a step service may have changed, and continuity has no "
+            "sampling interval: its bounds are its value."
         )
     if experiment.without:
         notes.append(f"Switched off: {', '.join(experiment.without)}.")

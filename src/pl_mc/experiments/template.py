@@ -69,10 +69,8 @@ def template(experiment: Experiment) -> str:
         *_comment(f"An experiment of the kind {_kind(experiment)}: {about[:1].lower()}{about[1:]}."),
         *_comment(
             "Above every field: its meaning and, in brackets, what it may be and its default. Lines that begin "
-            "with # "
-            "are comments; a field that is left out has its default. Tables of the same sort that follow each "
-            "other "
-            "are explained once."
+            "with # are comments; a field that is left out has its default. Tables of the same sort that follow "
+            "each other are explained once."
         ),
         "# pl-mc check FILE says what is wrong with it and what it will cost; pl-mc run FILE runs it.",
         "",
@@ -85,8 +83,7 @@ def _kind(experiment: Experiment) -> str:
 
 
 def _record(record: BaseModel, path: str, *, again: bool = False) -> list[str]:
-    """Plain fields first, then tables, as TOML wants it; ``again`` without what was said of such a record "
-    "before."""
+    """Plain fields first, then tables, as TOML wants it; ``again`` without what was said before."""
     plain: list[str] = []
     tables: list[str] = []
     fields = type(record).model_fields

@@ -22,7 +22,14 @@ from pl_mc.engine.checks import LARGEST_DRAWS, LARGEST_SEED, require_geometry_an
 from pl_mc.faults import Faults, no_fault
 from pl_mc.geometry.record import Geometry
 from pl_mc.input_errors import InputError, require_choice, require_positive, require_whole
-from pl_mc.integrity_risk.multiplier import Found, alarm_columns, alarm_rate, always_alarms, exact_multiplier
+from pl_mc.integrity_risk.multiplier import (
+    Found,
+    alarm_columns,
+    alarm_rate,
+    always_alarms,
+    exact_multiplier,
+    require_multiple,
+)
 from pl_mc.integrity_risk.multiplier_counts import counted, drawn_ratios, fewest_draws, order_bounds
 from pl_mc.integrity_risk.multiplier_curve import from_curve
 from pl_mc.integrity_risk.multiplier_search import bounds_of, first_guess, searched
@@ -108,6 +115,7 @@ def calibrate(
     (chosen,) = as_methods([method])
     if not hasattr(chosen, "k_vertical") or not dataclasses.is_dataclass(chosen):
         raise InputError(f"method: {chosen.name} has no multiplier k_vertical to calibrate.")
+    require_multiple(chosen)
     series = g.as_series()
     epochs = [series] if pooled else [series[k : k + 1] for k in range(len(series))]
     rows: list[dict[str, Any]] = []

@@ -15,7 +15,7 @@ from pl_mc.faults import Faults
 from pl_mc.geometry.record import Geometry
 from pl_mc.input_errors import InputError
 from pl_mc.integrity_risk.ratio import EXCEEDED
-from pl_mc.methods import Ls
+from pl_mc.methods import Ls, Method
 from pl_mc.statistics.exact import ls_rates
 from pl_mc.statistics.intervals import clopper_pearson
 from pl_mc.statistics.least_squares import ls_quantities
@@ -27,6 +27,19 @@ EXACT, COUNTING, RARE = "exact", "counting", "rare events"
 
 # Multipliers beyond these are no protection levels; K is searched for between them.
 LARGEST_FACTOR, SMALLEST_FACTOR = 1e9, 1e-6
+
+
+# Forms of levels that are k_vertical times something; methods without forms have no others.
+_FORMS_OF_MULTIPLES = (None, "sigma", "subset")
+
+
+def require_multiple(method: Method) -> None:
+    """Raise `InputError` for a method whose levels have another form than k_vertical times something."""
+    if getattr(method, "form", None) not in _FORMS_OF_MULTIPLES:
+        raise InputError(
+            f"method: the levels of {method.name} are no multiple of k_vertical; with form 'sigma' (max_dop: "
+            "'subset') they are."
+        )
 
 
 @dataclass(frozen=True)

@@ -11,7 +11,7 @@ from pl_mc.alert import AlertLimits
 from pl_mc.faults import Faults
 from pl_mc.geometry.record import Geometry
 from pl_mc.integrity_risk.limit_state import all_axes
-from pl_mc.integrity_risk.multiplier import exact_multiplier
+from pl_mc.integrity_risk.multiplier import SMALLEST_FACTOR, exact_multiplier, require_multiple
 from pl_mc.integrity_risk.ratio import RatioState, ratio_state
 from pl_mc.integrity_risk.ratio_curve import climb_ratios, mean_curve
 from pl_mc.methods import Ls, Method
@@ -44,6 +44,7 @@ def neediest_fault(
         target: probability of the event.
         seed: of the random numbers.
     """
+    require_multiple(method)
     if isinstance(method, Ls):
         return _neediest_of_ls(g, faults, method, event, alert, target)
     states = [ratio_state(g, _one(faults, k), method, event, alert) for k in range(len(faults))]
@@ -69,9 +70,9 @@ def _multiplier(state: RatioState, target: float, size: int, populations: int, r
 
 def _neediest_of_ls(g: Geometry, faults: Faults, method: Ls, event: str, alert: AlertLimits, target: float) -> int:
     """The fault with the largest risk at a multiplier that keeps the target under every other one."""
-    k, best = 1.0, 0
+    k, best = SMALLEST_FACTOR, 0
     while True:
-        rates = ls_rates(g, faults, alert=alert, k_vertical=max(k, 1e-6))[f"{event}_rate"].to_numpy()
+        rates = ls_rates(g, faults, alert=alert, k_vertical=max(k, SMALLEST_FACTOR))[f"{event}_rate"].to_numpy()
         worst = int(rates.argmax())
         if rates[worst] <= target * (1.0 + 1e-6):
             return best

@@ -19,7 +19,7 @@ from pl_mc.kernels.apart import eliminate_apart
 from pl_mc.kernels.estimate import Estimate, Start, safe_sqrt
 from pl_mc.kernels.linear_model import COORDINATES, LinearModel, add_empty, per_lane, product, redundancy_floor
 from pl_mc.kernels.small_matrix import cholesky, eliminate, inverse_columns, lower_triangle
-from pl_mc.kernels.weights import HuberWeight, Igg3Weight, WeightFunction
+from pl_mc.kernels.weights import HuberWeight, Igg3Weight, L1Weight, WeightFunction
 
 SCALES = ("posterior_floored", "apriori", "posterior", "mad", "mad_floored")
 COFACTORS = ("fault_free", "reweighted", "none")
@@ -133,16 +133,19 @@ def reweighted(
         scale: (...), a scale of the standardised residuals that stays, instead of ``options.scale``.
     """
     shape = start.square_sum.shape
+    relative = isinstance(options.weight, L1Weight)
 
     def step(carry: tuple[Iterate, Array], _: None) -> tuple[tuple[Iterate, Array], None]:
         iterate, weights = carry
         weights = _weights(model, iterate, weights, options, scale)
-        return (solve_weighted(model, start, weights, iterate.determined)[0], weights), None
+        return (solve_weighted(model, start, weights, iterate.determined, relative=relative)[0], weights), None
 
     # The last solution stands outside the loop, since it alone is asked for its cofactors.
     (before, weights), _ = jax.lax.scan(step, (first, first_weights), None, length=options.iterations - 1)
     weights = _weights(model, before, weights, options, scale)
-    last, cofactor = solve_weighted(model, start, weights, before.determined, cofactors=True)
+    last, cofactor = solve_weighted(
+        model, start, weights, before.determined, cofactors=True, relative=relative
+    )  # fmt: skip
 
     kept = _kept(model, weights)
     if options.redundancy == "all":
@@ -187,12 +190,26 @@ def _kept(model: LinearModel, weights: Array) -> Array:
 
 
 def solve_weighted(
-    model: LinearModel, start: Start, weights: Array, determined: Array, *, cofactors: bool = False
+    model: LinearModel,
+    start: Start,
+    weights: Array,
+    determined: Array,
+    *,
+    cofactors: bool = False,
+    relative: bool = False,
 ) -> tuple[Iterate, tuple[Array, ...]]:
-    """One weighted solution about the least-squares one (Zhao et al. 2021, eq 6), and its cofactors if wanted."""
+    """One weighted solution about the least-squares one (Zhao et al. 2021, eq 6), and its cofactors if wanted.
+
+    ``relative`` weights count by their ratios alone: a common factor, however small, leaves no pivot too small.
+    """
     sums = product(model.products, weights)
     right = product(model.design_rows, weights * start.residuals)
     normal = sums[:-1]
+    factor = jnp.ones_like(determined, right.dtype)
+    if relative:
+        largest = jnp.max(weights * per_lane(model.in_view, weights), axis=0)
+        factor = 1.0 / jnp.where(largest > 0, largest, 1.0)
+        normal, right = normal * factor, right * factor
     if model.clocks_apart:
         shift, diagonal, regular = eliminate_apart(
             normal, right, model.apart_floor, model.empty, model.available, cofactors=cofactors
@@ -206,6 +223,8 @@ def solve_weighted(
         solved, regular = eliminate(add_empty(normal, model.empty), sides, model.pivot_floor, model.available)
         shift = tuple(solved[:, 0])
         diagonal = tuple(solved[k, 1 + k] for k in range(COORDINATES) if cofactors)
+    if relative:
+        diagonal = tuple(one * factor for one in diagonal)
     residuals = start.residuals
     for k, one in enumerate(shift):
         residuals = residuals - per_lane(model.design[:, k], residuals) * one[None]

@@ -113,7 +113,7 @@ def _starting_weights(model: LinearModel, start: Start) -> Array:
     def step(carry: tuple[Iterate, Array], _: None) -> tuple[tuple[Iterate, Array], None]:
         iterate = carry[0]
         weights = absolute(jnp.abs(iterate.residuals))
-        return (solve_weighted(model, start, weights, iterate.determined)[0], weights), None
+        return (solve_weighted(model, start, weights, iterate.determined, relative=True)[0], weights), None
 
     ones = jnp.ones_like(start.residuals)
     (l1, l1_weights), _ = jax.lax.scan(step, (first_iterate(model, start), ones), None, length=L1_STEPS)

@@ -49,6 +49,8 @@ class NominalBias:
 
     def __post_init__(self) -> None:
         require_choice(self.sign, SIGNS, field="nominal_bias: sign")
+        if isinstance(self.bias_m, list | np.ndarray):
+            object.__setattr__(self, "bias_m", tuple(np.atleast_1d(self.bias_m).tolist()))
         sizes = self.bias_m if isinstance(self.bias_m, tuple) else (self.bias_m,)
         for size in sizes:
             if require_number(size, field="nominal_bias: bias_m") < 0 and self.sign != "given":

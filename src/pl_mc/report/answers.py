@@ -15,6 +15,7 @@ from pl_mc.report.run_folder import RunFolder
 from pl_mc.report.series_answers import observe_answer, readings_answer, series_answer
 from pl_mc.report.service_text import service_answer
 from pl_mc.report.sweep_answers import (
+    compare_answer,
     map_answer,
     noise_answer,
     satellite_ramps_answer,
@@ -25,6 +26,7 @@ from pl_mc.report.sweep_answers import (
 from pl_mc.report.time_ramps_text import time_ramps_answer
 
 ANSWERS: dict[str, Callable[[RunFolder], tuple[str, ...]]] = {
+    "compare": compare_answer,
     "guo": guo_answer,
     "map": map_answer,
     "noise": noise_answer,
@@ -82,8 +84,7 @@ def answer_of(run: RunFolder) -> tuple[str, ...]:
 
 
 def quoted(summary: str) -> tuple[str, ...]:
-    """Up to three sentences with numbers out of a summary, those of its last paragraphs first; findings come "
-    "last."""
+    """Up to three sentences with numbers out of a summary, its last paragraphs first; findings come last."""
     parts = [part for part in summary.split("\n\nNotes:")[0].split("\n\n") if not part.startswith(("#", "|"))]
     found = [
         sentence.strip(" -*").replace("`", "")

@@ -334,8 +334,7 @@ def _noise_note(paired: int, number: int) -> str:
 
 
 def combined_tables(first: RunFolder, second: RunFolder, names: Sequence[str]) -> dict[str, pd.DataFrame]:
-    """Tables of both runs under each other, with the run's name in that of the method or test, to be drawn "
-    "together."""
+    """Tables of both runs under each other, the run's name in that of the method or test, to be drawn together."""
     tables = {}
     for name, old in first.tables.items():
         column = next((one for one in ("variant", "method", "test") if one in old), None)

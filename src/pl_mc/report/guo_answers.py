@@ -9,8 +9,7 @@ from pl_mc.report.text import percent, rate_text
 
 
 def guo_answer(run: RunFolder) -> tuple[str, ...]:
-    """Detection at the smallest bias, of the best and the worst reading, and the false alarms at nominal "
-    "thresholds."""
+    """Detection at the smallest bias, of the best and the worst reading; false alarms at nominal thresholds."""
     table = run.tables["detection"]
     biased = table[table.bias_m > 0]
     bias = biased.bias_m.min()

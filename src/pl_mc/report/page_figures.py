@@ -1,5 +1,4 @@
-"""Static figures of a page: embedded as they are, or smaller where they are heavy, each with a text in its "
-"place."""
+"""Static figures of a page: embedded as they are, or smaller where heavy, each with a text in its place."""
 
 from __future__ import annotations
 

@@ -71,8 +71,8 @@ def risk_summary(
         "",
         _worst_text(tables.worst),
         "",
-        "grid: the largest on a ramp of 5, 10, ..., 100 m (for estimates, on those sizes that the search scanned). "
-        "(!): with a warning.",
+        "grid: the largest on a ramp of 5, 10, ..., 100 m; for estimates a rough value from the search's small "
+        "populations, which may lie above the refined one by chance. (!): with a warning.",
         "",
         "## The multiplier that keeps a target",
         "",

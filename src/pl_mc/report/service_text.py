@@ -55,7 +55,8 @@ def service_summary(experiment: Any, found: ServiceVolume, worst: pd.DataFrame) 
     if found.exact:
         bounds += "; for " if noisy else "For "
         bounds += (
-            f"{', '.join(found.exact)} bounds are those of the moments within a step at which service may change"
+            f"{', '.join(found.exact)} bounds of the availability are those of the moments within a step at which "
+            "service may change, and continuity has none"
         )
     few, mean = found.satellites.satellites_min, found.satellites.satellites_mean
     lines = [
@@ -151,6 +152,9 @@ def _lost(row: Any, label: str) -> str:
     if started == 0:
         return "none starts"
     rate, low, high = (1.0 - float(getattr(row, f"continuity_{label}_{part}")) for part in ("rate", "high", "low"))
+    if low == high:
+        # Levels from the geometry alone are counted, not drawn.
+        return "none" if started == stayed else f"{percent(rate)} %"
     if started == stayed:
         return f"none (< {percent(high)} %)"
     return f"{percent(rate)} % [{percent(max(low, 0.0))}, {percent(high)}]"

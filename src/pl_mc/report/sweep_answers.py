@@ -47,8 +47,7 @@ def event_sentences(run: RunFolder, table: pd.DataFrame) -> tuple[str, ...]:
 
 
 def variants_answer(run: RunFolder) -> tuple[str, ...]:
-    """Of variants: the default, least squares and the extremes at the worst bias of one faulted satellite or "
-    "two."""
+    """Of variants: the default, least squares and the extremes at the worst bias of one or two satellites."""
     table = run.tables["variants"]
     faulted = table[table.fault_class != "none"]
     sentences = []
@@ -88,6 +87,24 @@ def noise_answer(run: RunFolder) -> tuple[str, ...]:
                 parts.append(f"{event_text(row, event)}{at} with {under}")
             clauses.append(f"{method_label(str(name))} {', '.join(parts)}")
         sentences.append(f"{means.format(val=run.alert.vertical_m)}, at the worst fault: {'; '.join(clauses)}.")
+    return tuple(sentences)
+
+
+def compare_answer(run: RunFolder) -> tuple[str, ...]:
+    """Of a comparison of methods: the two of the first paper, the worst, and those with no event at any bias."""
+    table = run.tables["rates"]
+    sentences = []
+    for event, means in _MEANS.items():
+        worst = table.loc[table.groupby("method", sort=False)[f"{event}_rate"].idxmax()].set_index("method")
+        never = worst.index[worst[f"{event}_rate"] == 0]
+        told = [name for name in ("ls", "igg3") if name in worst.index]
+        seen = worst.drop(index=[*told, *never])
+        parts = [f"{method_label(name)} {event_text(worst.loc[name], event)}" for name in told]
+        if len(seen):
+            name = str(seen[f"{event}_rate"].idxmax())
+            parts.append(f"the most of the others {method_label(name)}, {event_text(seen.loc[name], event)}")
+        parts.append(f"none with {len(never)} of {len(worst)} methods")
+        sentences.append(f"{means.format(val=run.alert.vertical_m)}, at each one's worst bias: {'; '.join(parts)}.")
     return tuple(sentences)
 
 

@@ -10,18 +10,25 @@ For T within one step that is 1 - f P(lost at the next epoch): each loss falls a
 the share of operations that it meets. Limits: an outage between two epochs is not seen; every epoch draws its own
 noise, as if errors a step apart were independent and stood still in between; a receiver's false alerts and failures
 of satellites are not part of it.
+
+Bounds are about the noise alone. Where levels depend on the geometry alone there is none: what the epochs of a site
+say is the same whenever it is asked, and both bounds are the value itself. With noise, runs of j steps that start
+less than j epochs apart share draws; of those that start j epochs apart the end of one is the start of the next,
+which that one takes as given, and they share nothing else. All runs are j such sets, so that the bounds are those
+of a j-th of the starts.
 """
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from pl_mc.input_errors import InputError, plain_number, require_positive
-from pl_mc.statistics.intervals import clopper_pearson
+from pl_mc.statistics.intervals import shared_noise_bounds
 
 FloatArray = NDArray[np.float64]
 
@@ -51,11 +58,17 @@ class Duration:
         wanted = (self.whole, self.whole + 1) if self.part > 0 else (self.whole,)
         return tuple(j for j in wanted if j > 0)
 
+    @property
+    def confidence(self) -> float:
+        """That of the bounds of each R_j which makes 95 % of all together."""
+        return 1.0 - 0.05 / len(self.runs)
 
-def as_durations(durations_s: Sequence[float], *, step_s: float, epochs: int) -> tuple[Duration, ...]:
-    """Operations of these lengths; an `InputError` for one that the epochs do not hold."""
+
+def as_durations(durations_s: Any, *, step_s: float, epochs: int) -> tuple[Duration, ...]:
+    """Operations of this length or these; an `InputError` for one that the epochs do not hold."""
     made: list[Duration] = []
-    for value in durations_s:
+    several = isinstance(durations_s, Iterable) and not isinstance(durations_s, str)
+    for value in durations_s if several else [durations_s]:
         seconds = require_positive(value, field="durations_s")
         steps = seconds / step_s
         # A length that is a whole number of steps but for rounding is one.
@@ -88,23 +101,27 @@ def run_counts(serves: NDArray[np.bool_], j: int) -> tuple[NDArray[np.int64], ND
 
 
 def continuity(
-    duration: Duration, counts: Mapping[int, tuple[NDArray[np.int64], NDArray[np.int64]]]
+    duration: Duration, counts: Mapping[int, tuple[NDArray[np.int64], NDArray[np.int64]]], *, exact: bool = False
 ) -> tuple[FloatArray, FloatArray, FloatArray]:
     """(...,) continuity over an operation, and its 95 % bounds; NaN, 0 and 1 where no operation starts.
 
-    Bounds are those of R_j after Clopper and Pearson, the starts being the trials, in the same combination; where
-    it has two of them each takes half of the 5 %.
+    Bounds are those of R_j in the same combination: after Clopper and Pearson, the starts being the trials, and for
+    j of 2 or more with a j-th of the starts as trials (`pl_mc.statistics.intervals.shared_noise_bounds`). Where
+    there are two R_j each takes half of the 5 %.
 
     Args:
         duration: the operation.
         counts: starts and stays (...,) of `run_counts`, by j.
+        exact: whether no noise is behind the counts; both bounds are then the value.
     """
-    confidence = 0.95 if len(duration.runs) == 1 else 0.975
     rates = {}
     for j in duration.runs:
         started, stayed = counts[j]
         rate = np.where(started > 0, stayed / np.maximum(started, 1), np.nan)
-        rates[j] = (rate, *clopper_pearson(stayed, started, confidence))
+        if exact:
+            rates[j] = (rate, rate, rate)
+        else:
+            rates[j] = (rate, *shared_noise_bounds(np.nan_to_num(rate), started // j, duration.confidence))
     return joined(duration, rates)
 
 

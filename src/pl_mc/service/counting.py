@@ -106,8 +106,10 @@ class ServiceCounts:
         return low, (available + self.may_gain[:, m, o]) / scenarios
 
 
-def weighted_rate(weight: FloatArray, events: NDArray, trials: NDArray) -> tuple[float, float, float]:
-    """Area-weighted rate over sites and its 95 % bounds; NaN, 0 and 1 without trials.
+def weighted_rate(
+    weight: FloatArray, events: NDArray, trials: NDArray, *, shared: int = 1, confidence: float = 0.95
+) -> tuple[float, float, float]:
+    """Area-weighted rate over sites and its bounds; NaN, 0 and 1 without trials.
 
     Bounds are those of as many independent trials as have the variance of the weighted mean (Kish's effective
     number), as `pl_mc.statistics.intervals.shared_noise_bounds` takes them.
@@ -115,13 +117,15 @@ def weighted_rate(weight: FloatArray, events: NDArray, trials: NDArray) -> tuple
     Args:
         weight: (sites,), of each trial at a site.
         events, trials: (sites,).
+        shared: how many trials of a site, on end, share draws: no more than one in so many is independent.
+        confidence: of the bounds.
     """
     total = float(weight @ trials)
     if total == 0.0:
         return float("nan"), 0.0, 1.0
     rate = min(float(weight @ events) / total, 1.0)
-    effective = np.floor(total**2 / float(weight**2 @ trials) * (1.0 + 1e-12))
-    low, high = shared_noise_bounds(rate, effective)
+    effective = np.floor(total**2 / float(weight**2 @ trials) / shared * (1.0 + 1e-12))
+    low, high = shared_noise_bounds(rate, effective, confidence)
     return rate, float(low), float(high)
 
 
@@ -151,7 +155,7 @@ def site_table(
             here = {j: (started[:, m, o], stayed[:, m, o]) for j, (started, stayed) in counts.runs.items()}
             for duration in durations:
                 last = duration.runs[-1]
-                value, below, above = continuity(duration, here)
+                value, below, above = continuity(duration, here, exact=bool(counts.exact[m]))
                 columns |= {
                     f"started_{duration.label}": here[last][0],
                     f"stayed_{duration.label}": here[last][1],
@@ -202,13 +206,12 @@ def world_table(
                 "worst_longitude_deg": float(grid.longitude_deg[worst]),
             }
             for duration in durations:
-                rates = {
-                    j: tuple(
-                        np.asarray(part)
-                        for part in weighted_rate(weight, counts.runs[j][1][:, m, o], counts.runs[j][0][:, m, o])
-                    )
-                    for j in duration.runs
-                }
+                rates = {}
+                for j in duration.runs:
+                    begun, kept = (part[:, m, o] for part in counts.runs[j])
+                    one = weighted_rate(weight, kept, begun, shared=j, confidence=duration.confidence)
+                    # Without noise there is nothing that bounds could be about: see `pl_mc.service.continuity`.
+                    rates[j] = tuple(np.asarray(part) for part in ((one[0],) * 3 if counts.exact[m] else one))
                 started, stayed = (part[:, m, o] for part in counts.runs[duration.runs[-1]])
                 value, below, above = joined(duration, rates)
                 row |= {

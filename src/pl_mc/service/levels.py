@@ -18,21 +18,28 @@ from pl_mc.geometry.record import POSITION_UNKNOWNS
 from pl_mc.host.precision import dtype_of, precision_scope
 from pl_mc.kernels import LinearModel, Start, linear_model
 from pl_mc.kernels.linear_model import product
-from pl_mc.methods import Araim, MaxDop, Method, Nioraim, RangeComparison, Sbas, Slope
+from pl_mc.methods import Araim, MaxDop, Method, Nioraim, Parity, RangeComparison, Sbas, Slope, WTest
+from pl_mc.methods.w_test import POSTERIOR, SIGMA
 from pl_mc.service.sky import Geometries
 
 FloatArray = NDArray[np.float64]
 
-# Methods whose levels are those of `prepare`: whatever the errors are.
+# Methods whose levels are those of `prepare`, whatever the errors and the options are.
 _GEOMETRY_ALONE = (Araim, MaxDop, Nioraim, RangeComparison, Sbas, Slope)
 
 
 def levels_from_geometry(method: Method) -> bool:
     """Whether the levels of a method depend on the geometry alone, so that one draw tells all.
 
-    A method of another package says so by an attribute ``levels_from_geometry``.
+    So they are where a parity or w-test leaves no satellite out, unless the w-test's scale with the residuals. A
+    method of another package says so by an attribute ``levels_from_geometry``.
     """
-    return bool(getattr(method, "levels_from_geometry", isinstance(method, _GEOMETRY_ALONE)))
+    alone = isinstance(method, _GEOMETRY_ALONE)
+    if isinstance(method, Parity):
+        alone = not method.exclude
+    elif isinstance(method, WTest):
+        alone = method.exclusions == 0 and not (method.form == SIGMA and method.variance == POSTERIOR)
+    return bool(getattr(method, "levels_from_geometry", alone))
 
 
 def levels_of_batch(

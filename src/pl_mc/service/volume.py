@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+import math
+from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass
 from datetime import datetime
 from typing import Any
@@ -19,7 +20,14 @@ from pl_mc.geometry.gps_time import gps_seconds
 from pl_mc.host.precision import dtype_of
 from pl_mc.host.progress import progress_bar
 from pl_mc.host.threads import cores, in_order
-from pl_mc.input_errors import InputError, require_choice, require_number, require_positive, require_whole
+from pl_mc.input_errors import (
+    InputError,
+    plain_number,
+    require_choice,
+    require_number,
+    require_positive,
+    require_whole,
+)
 from pl_mc.methods import Araim, Method, as_methods
 from pl_mc.service.continuity import as_durations
 from pl_mc.service.counting import ServiceCounts, level_table, site_table, world_table
@@ -98,8 +106,8 @@ def service_volume(
     mask_deg: float = 10.0,
     error_model: str | ErrorModel = "residual",
     methods: Sequence[str | Method] = ("ls", "igg3", "araim"),
-    operations: Sequence[str | AlertLimits] = (LPV_200,),
-    durations_s: Sequence[float] = (15.0, 150.0),
+    operations: str | AlertLimits | Sequence[str | AlertLimits] = (LPV_200,),
+    durations_s: float | Sequence[float] = (15.0, 150.0),
     draws: int = 100,
     seed: int = 20171121,
     precision: str = "float64",
@@ -132,21 +140,21 @@ def service_volume(
         progress: whether to show a progress bar; where standard error is a terminal unless given.
 
     Returns:
-        A `ServiceVolume`. Its bounds are about the draws and, for methods whose levels depend on the geometry
-        alone, about the moments at which service changes; see
-        `pl_mc.service.counting.ServiceCounts.availability_bounds`. That the Earth is sampled by a grid of users is
-        in none of them.
+        A `ServiceVolume`. Its bounds are about the draws. For methods whose levels depend on the geometry alone
+        those of the availability are about the moments at which service changes, see
+        `pl_mc.service.counting.ServiceCounts.availability_bounds`, and those of the continuity are its value. That
+        the Earth is sampled by a grid of users is in none of them.
 
     Raises:
         InputError: an option that cannot be used.
     """
     grid = world_grid(step_deg)
     step = require_positive(step_s, field="step_s")
-    epochs = max(1, int(np.ceil(require_positive(duration_s, field="duration_s") / step - 1e-9)))
+    epochs = epoch_count(require_positive(duration_s, field="duration_s"), step)
     if epochs > MOST_EPOCHS:
         raise InputError(
-            f"step_s: {step:g} s make {epochs:,} epochs; at most {MOST_EPOCHS:,} are possible, with "
-            f"{duration_s:g} s steps of {duration_s / MOST_EPOCHS:.3g} s or more."
+            f"step_s: {step:g} s make {epochs:,} epochs; at most {MOST_EPOCHS:,} are possible: for "
+            f"{plain_number(float(duration_s))} s, steps of {plain_number(duration_s / MOST_EPOCHS)} s or more."
         )
     mask = require_number(mask_deg, field="mask_deg")
     if not 0.0 <= mask < 90.0:
@@ -221,9 +229,16 @@ def service_volume(
     )
 
 
+def epoch_count(duration_s: float, step_s: float) -> int:
+    """Number of epochs of a run, one at its beginning and then one at each step before its end; at least 1."""
+    # A length that is a whole number of steps but for rounding has no epoch at its end.
+    return max(1, math.ceil(duration_s / step_s - 1e-9))
+
+
 def as_operations(operations: Any) -> tuple[AlertLimits, ...]:
     """Names of `OPERATIONS` and alert limits, made alert limits; an `InputError` for anything else."""
-    given = [operations] if isinstance(operations, str | AlertLimits) else list(operations)
+    several = isinstance(operations, Iterable) and not isinstance(operations, str)
+    given = list(operations) if several else [operations]
     if not given:
         raise InputError(f"operations: at least one is needed (valid: {', '.join(OPERATIONS)}).")
     made: list[AlertLimits] = []

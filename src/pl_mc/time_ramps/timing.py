@@ -100,9 +100,10 @@ def time_to_alert(
           alarm before the end, NaN where there was no hazard;
         - the same of ``error_at_alert`` [m], the size of the vertical error at the alarm, over detected passes;
         - for each limit L of 6, 10 and 30 s: ``within_L`` of ``decided_L`` passes with a hazard had the alarm at
-          most L after it began, ``within_L_rate, _low, _high``; ``undecided_L`` passes ended without an alarm
-          before L had gone by and are left out; ``late_L`` of ``passes - undecided_L``, the missed in the sense of
-          the time to alert, ``late_L_rate, _low, _high``.
+          most L after it began, ``within_L_rate, _low, _high``; ``undecided_L`` passes ended before L had
+          gone by and are left out, with an alarm or without (to keep those with one would favour short times);
+          ``late_L`` of ``passes - undecided_L``, the missed in the sense of the time to alert, ``late_L_rate, _low,
+          _high``.
 
         Bounds are 95 %: Clopper-Pearson for rates, order statistics for quantiles.
 
@@ -246,7 +247,8 @@ def timing_columns(
     passes = len(alarm)
     detected, hazardous = alarm >= 0, hazard >= 0
     alarm_s = np.where(detected, alarm * interval_s, np.inf)
-    after_hazard_s = (alarm_s - hazard * interval_s)[hazardous]
+    # From the difference in samples: that of two times would be a rounding off the limits.
+    after_hazard_s = np.where(detected, (alarm - hazard) * interval_s, np.inf)[hazardous]
     left_s = (samples - 1 - hazard[hazardous]) * interval_s
     at_alarm = error_m[detected & np.isfinite(error_m)]
     columns: dict[str, float] = {
@@ -267,9 +269,11 @@ def timing_columns(
             columns[f"{name}_{percent}_low_{unit}"] = low
             columns[f"{name}_{percent}_high_{unit}"] = high
     for limit in LIMITS_S:
-        # An end of the pass before the limit decides nothing, unless the alarm came before.
-        in_time = after_hazard_s <= limit
-        late = ~in_time & (left_s > limit)
+        # Which passes count is known whatever the alarm did: counting alarms of passes that ended before the limit
+        # without counting the alarms that these did not live to see would favour the alarm.
+        enough = left_s >= limit
+        in_time = enough & (after_hazard_s <= limit)
+        late = enough & ~in_time
         within, missed = int(in_time.sum()), int(late.sum())
         undecided = len(in_time) - within - missed
         columns |= {
