@@ -8,7 +8,6 @@ same false-alarm rate, which is measured before anything is compared.
 from __future__ import annotations
 
 import dataclasses
-from dataclasses import dataclass
 from pathlib import Path
 from typing import Annotated, Any, Literal
 
@@ -17,7 +16,7 @@ import pandas as pd
 from pydantic import Field
 
 from pl_mc.alert import AlertLimits
-from pl_mc.engine import Execution, run_sweep, sample
+from pl_mc.engine import Execution, sample
 from pl_mc.experiments.common import Experiment, MethodChoice, SimulatedGeometry, Strict
 from pl_mc.experiments.output import write_table
 from pl_mc.experiments.sweep_run import RampFaults
@@ -91,26 +90,6 @@ class CompareExperiment(Experiment):
     equal: EqualTests | None = None
 
 
-@dataclass(frozen=True)
-class EqualSweep(PlannedSweep):
-    """The sweep of the tests at one false-alarm rate, which are not the experiment's methods."""
-
-    methods: tuple[Method, ...] = ()
-
-    def run(self, experiment: Experiment, execution: Execution) -> pd.DataFrame:
-        return run_sweep(
-            self.g,
-            self.faults,
-            draws=self.draws,
-            seed=experiment.seed,
-            methods=self.methods,
-            alert=experiment.alert_limits(),
-            precision=experiment.precision,
-            noise=self.noise,
-            execution=execution.inside(self.name),
-        )
-
-
 def sweeps(experiment: CompareExperiment) -> tuple[PlannedSweep, ...]:
     """The sweeps of the experiment: all methods, and the tests at one false-alarm rate if they are asked for."""
     return _planned(experiment)[0]
@@ -125,7 +104,7 @@ def _planned(experiment: CompareExperiment) -> tuple[tuple[PlannedSweep, ...], t
     if experiment.equal is not None:
         smaller, _ = experiment.equal.faults.build(g)
         records, draws = experiment.equal.records(), experiment.equal.draws
-        planned.append(EqualSweep("equal", g, no_fault(g) + smaller, draws, methods=records))
+        planned.append(PlannedSweep("equal", g, no_fault(g) + smaller, draws, methods=records))
     return tuple(planned), notes
 
 

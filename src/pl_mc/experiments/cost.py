@@ -116,7 +116,7 @@ def cost_of(experiment: Experiment, *, measure: bool = False) -> Cost:
 
 def _cost_of_sweeps(experiment: Experiment, planned: Sequence[PlannedSweep], *, measure: bool) -> Cost:
     # A sweep may have methods of its own.
-    own: list[tuple[Method, ...]] = [getattr(one, "methods", ()) or experiment.method_records() for one in planned]
+    own = [one.methods_of(experiment) for one in planned]
     cases = [int(one.faults.applies(one.g).sum()) * one.draws for one in planned]
     scenarios = sum(number * len(methods) for number, methods in zip(cases, own, strict=True))
     arrays = sum(_bytes(one.g, one.faults) for one in planned) / 1e6

@@ -17,13 +17,11 @@ from pl_mc.faults import Faults, no_fault
 from pl_mc.geometry import Geometry
 from pl_mc.host.threads import cores, in_order
 from pl_mc.integrity_risk.calibrate import calibrate
+from pl_mc.integrity_risk.multiplier_counts import NO_LIMIT
 from pl_mc.integrity_risk.worst_multiplier import neediest_fault
 from pl_mc.methods import Ls, Method
 from pl_mc.statistics.exact import ls_rates
 from pl_mc.statistics.intervals import clopper_pearson
-
-# Levels without an alert limit: an alarm in spite of it is the method's own test.
-_NO_LIMIT = AlertLimits("none", vertical_m=1e300, horizontal_m=1e300)
 
 
 @dataclass(frozen=True)
@@ -167,7 +165,7 @@ def equal_risk_table(
                 parts.append(_alarm_rows(method, target, k, faults, 0, rate, rate, rate))
             continue
         # One set of draws for all multipliers: the level is proportional to them.
-        drawn = sample(g, faults, draws=draws, seed=seed, methods=(method,), alert=_NO_LIMIT)
+        drawn = sample(g, faults, draws=draws, seed=seed, methods=(method,), alert=NO_LIMIT)
         unit_m = np.where(drawn["alarm"], np.inf, drawn["vpl_m"]) / method.k_vertical  # type: ignore[attr-defined]
         for target, k in zip(rows.target, rows.k_high, strict=True):
             alarm = np.isinf(unit_m) | (k * unit_m > alert.vertical_m)

@@ -14,6 +14,7 @@ from pl_mc.engine.part_files import read_rows
 from pl_mc.experiments.common import Experiment
 from pl_mc.faults import Faults
 from pl_mc.geometry import Geometry
+from pl_mc.methods import Method
 from pl_mc.noise_models import GAUSSIAN, NoiseModel
 
 
@@ -27,6 +28,7 @@ class PlannedSweep:
         faults: faults.
         draws: noise draws for each fault at each epoch.
         noise: the noise.
+        methods: instead of the experiment's, unless none.
     """
 
     name: str
@@ -34,6 +36,11 @@ class PlannedSweep:
     faults: Faults
     draws: int
     noise: NoiseModel = GAUSSIAN
+    methods: tuple[Method, ...] = ()
+
+    def methods_of(self, experiment: Experiment) -> tuple[Method, ...]:
+        """The methods of this sweep."""
+        return self.methods or experiment.method_records()
 
     def run(self, experiment: Experiment, execution: Execution) -> pd.DataFrame:
         """The table, see `pl_mc.sweep`; parts are stored in a folder of the sweep's own."""
@@ -42,7 +49,7 @@ class PlannedSweep:
             self.faults,
             draws=self.draws,
             seed=experiment.seed,
-            methods=experiment.method_records(),
+            methods=self.methods_of(experiment),
             alert=experiment.alert_limits(),
             precision=experiment.precision,
             noise=self.noise,

@@ -7,6 +7,7 @@ per shape and method, in calls of a fixed width.
 from __future__ import annotations
 
 import functools
+from collections.abc import Callable
 from dataclasses import dataclass
 
 import jax
@@ -113,6 +114,19 @@ def _orthonormal(columns: FloatArray) -> FloatArray:
     return np.column_stack(kept)
 
 
+def in_calls(points: FloatArray, coordinates: Rotation, compiled: Callable[[FloatArray], Array]) -> FloatArray:
+    """(N,), a compiled function of the noise (POINTS_PER_CALL, rows) at points (N, dimension), call by call."""
+    values = np.empty(len(points))
+    rows = coordinates.matrix
+    with precision_scope("float64"):
+        for start in range(0, len(points), POINTS_PER_CALL):
+            some = points[start : start + POINTS_PER_CALL]
+            noise = np.zeros((POINTS_PER_CALL, rows.shape[0]))
+            noise[: len(some)] = some @ rows.T
+            values[start : start + len(some)] = np.asarray(compiled(noise))[: len(some)]
+    return values
+
+
 @dataclass(frozen=True)
 class LimitState:
     """One event of one method under one fault at one epoch.
@@ -149,26 +163,21 @@ class LimitState:
 
     def __call__(self, points: FloatArray) -> FloatArray:
         """(N,), the limit state [m] of points (N, dimension), standard normal."""
-        values = np.empty(len(points))
-        rows = self.coordinates.matrix
-        with precision_scope("float64"):
-            for start in range(0, len(points), POINTS_PER_CALL):
-                some = points[start : start + POINTS_PER_CALL]
-                noise = np.zeros((POINTS_PER_CALL, rows.shape[0]))
-                noise[: len(some)] = some @ rows.T
-                found = _levels(
-                    self.design,
-                    self.sigma_m,
-                    self.in_view,
-                    self.bias_m,
-                    noise,
-                    np.float64(self.vertical_m),
-                    np.int32(RISK_EVENTS.index(self.event)),
-                    method=self.method,
-                    noise_model=self.noise,
-                )
-                values[start : start + len(some)] = np.asarray(found)[: len(some)]
-        return values
+        return in_calls(
+            points,
+            self.coordinates,
+            lambda noise: _levels(
+                self.design,
+                self.sigma_m,
+                self.in_view,
+                self.bias_m,
+                noise,
+                np.float64(self.vertical_m),
+                np.int32(RISK_EVENTS.index(self.event)),
+                method=self.method,
+                noise_model=self.noise,
+            ),
+        )
 
 
 @functools.partial(jax.jit, static_argnames=("method", "noise_model"))

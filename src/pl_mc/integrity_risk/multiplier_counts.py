@@ -23,7 +23,7 @@ from pl_mc.statistics.intervals import clopper_pearson
 FloatArray = NDArray[np.float64]
 
 # An alert limit that no protection level passes: an alarm in spite of it is the method's own test.
-_NO_LIMIT = AlertLimits("none", vertical_m=1e300, horizontal_m=1e300)
+NO_LIMIT = AlertLimits("none", vertical_m=1e300, horizontal_m=1e300)
 _DRAWS_PER_CALL = 50_000
 
 
@@ -73,7 +73,7 @@ def drawn_ratios(
     units, ratios = [], []
     for k in range(calls):
         count = min(_DRAWS_PER_CALL, draws - k * _DRAWS_PER_CALL)
-        table = sample(g, fault, draws=count, seed=int(seeds[k]), methods=(method,), alert=_NO_LIMIT)
+        table = sample(g, fault, draws=count, seed=int(seeds[k]), methods=(method,), alert=NO_LIMIT)
         available, rejects = table["available"].to_numpy(bool), table["alarm"].to_numpy(bool)
         level_m = np.where(available, table["vpl_m"], np.inf) / method.k_vertical
         error_m = np.where(available, np.abs(table["up_m"]), 0.0)

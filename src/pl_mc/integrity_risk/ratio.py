@@ -21,8 +21,7 @@ from numpy.typing import NDArray
 from pl_mc.alert import AlertLimits
 from pl_mc.faults import Faults
 from pl_mc.geometry.record import UP, Geometry
-from pl_mc.host.precision import precision_scope
-from pl_mc.integrity_risk.limit_state import POINTS_PER_CALL, Rotation, rotation
+from pl_mc.integrity_risk.limit_state import Rotation, in_calls, rotation
 from pl_mc.kernels import linear_model, start_from
 from pl_mc.methods.base import Method, Outcome
 
@@ -69,25 +68,20 @@ class RatioState:
 
     def ratio(self, points: FloatArray) -> FloatArray:
         """(N,), the ratio of points (N, dimension), standard normal; zero where no multiplier has the event."""
-        values = np.empty(len(points))
-        rows = self.coordinates.matrix
-        with precision_scope("float64"):
-            for start in range(0, len(points), POINTS_PER_CALL):
-                some = points[start : start + POINTS_PER_CALL]
-                noise = np.zeros((POINTS_PER_CALL, rows.shape[0]))
-                noise[: len(some)] = some @ rows.T
-                found = _ratios(
-                    self.design,
-                    self.sigma_m,
-                    self.in_view,
-                    self.bias_m,
-                    noise,
-                    np.float64(self.vertical_m),
-                    np.bool_(self.event == MISLEADING),
-                    method=self.method,
-                )
-                values[start : start + len(some)] = np.asarray(found)[: len(some)]
-        return values
+        return in_calls(
+            points,
+            self.coordinates,
+            lambda noise: _ratios(
+                self.design,
+                self.sigma_m,
+                self.in_view,
+                self.bias_m,
+                noise,
+                np.float64(self.vertical_m),
+                np.bool_(self.event == MISLEADING),
+                method=self.method,
+            ),
+        )
 
     def at(self, k: float) -> RatioLimit:
         """The limit state of the event at one multiplier."""

@@ -177,7 +177,7 @@ def slopes(parts: Projections, left: Remaining) -> Array:
     |G_q,i| / sqrt(r_i) over the satellites that are left; infinite where a satellite moves the position and nothing
     checks it.
     """
-    gain = per_lane_matrix(parts.rows[-COORDINATES:], left.redundancy)
+    gain = per_lane(parts.rows[-COORDINATES:], left.redundancy)
     for step in left.steps:
         gain = gain - step[-COORDINATES:, None] * step[None, :-COORDINATES]
     return largest_slopes(gain, left.redundancy, left.covariance_m2)
@@ -240,11 +240,6 @@ def parity_basis(model: LinearModel, parts: Projections) -> tuple[Array, Array]:
     zeros = jnp.zeros((n, n), dtype)
     basis, pivots, _ = jax.lax.fori_loop(0, n, add_row, (zeros, zeros, jnp.diagonal(residual)))
     return basis, pivots
-
-
-def per_lane_matrix(matrix: Array, like: Array) -> Array:
-    """``matrix`` with as many trailing axes of length one as ``like`` has axes beyond its first."""
-    return matrix.reshape(matrix.shape + (1,) * (like.ndim - 1))
 
 
 def effect_floor(dtype: jax.typing.DTypeLike) -> float:

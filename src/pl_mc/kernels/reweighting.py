@@ -205,7 +205,6 @@ def solve_weighted(
     sums = product(model.products, weights)
     right = product(model.design_rows, weights * start.residuals)
     normal = sums[:-1]
-    factor = jnp.ones_like(determined, right.dtype)
     if relative:
         largest = jnp.max(weights * per_lane(model.in_view, weights), axis=0)
         factor = 1.0 / jnp.where(largest > 0, largest, 1.0)
