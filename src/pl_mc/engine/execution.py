@@ -110,9 +110,17 @@ def run_task(task: SweepTask, execution: Execution) -> Iterator[PartCounts | str
         )
     if not missing:
         return
-    calls = sum(len(list(task.plan.chunks(number))) for number in missing)
+    calls = [chunk for number in missing for chunk in task.plan.chunks(number)]
+    # One case of fault and noise is one scenario, by however many methods.
+    scenarios = sum(task.plan.cases_of(chunk) for chunk in calls)
     with (
-        progress_bar(total=calls, what="Sweep", show=execution.progress) as advance,
+        progress_bar(
+            total=len(calls),
+            what="Sweep",
+            show=execution.progress,
+            each=scenarios / len(calls),
+            unit="scenarios",
+        ) as advance,
         # However this ends, threads and processes of the engine end with it.
         closing(engine(task, sorted(missing), advance)) as parts,
     ):

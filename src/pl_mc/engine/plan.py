@@ -86,6 +86,11 @@ class Plan:
         left = self.draws - chunk.first_block * LANES
         return min(left, self.blocks_per_call * LANES)
 
+    def cases_of(self, chunk: Chunk) -> int:
+        """Cases of fault and noise that a call counts."""
+        faults = self.fault_index[chunk.first_epoch : chunk.stop_epoch] >= 0
+        return int(faults.sum()) * self.draws_of(chunk)
+
     @property
     def _block_groups(self) -> int:
         return math.ceil(self.blocks / self.blocks_per_call)

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 import re
 from collections.abc import Callable, Collection, Generator, Iterator, Mapping, Sequence
 from dataclasses import dataclass
@@ -15,16 +14,14 @@ from pl_mc.detectors.registry import detector
 from pl_mc.error_models import error_model
 from pl_mc.experiments.common import Experiment, SimulatedGeometry
 from pl_mc.experiments.cost import Cost, cost_of
+from pl_mc.experiments.kind_checks import checks_of_kind
 from pl_mc.experiments.loading import FieldProblem, field_problems, read_source
 from pl_mc.experiments.registry import KINDS
-from pl_mc.faults import ramp_sizes_m, require_satellite
+from pl_mc.faults import ramp_sizes_m
 from pl_mc.geometry import Geometry
 from pl_mc.input_errors import InputError, require_choice
 from pl_mc.methods import method
 from pl_mc.noise_models import noise_model
-from pl_mc.service.continuity import as_durations
-from pl_mc.service.grid import world_grid
-from pl_mc.service.volume import as_operations
 from pl_mc.time_ramps.registry import sequential
 
 _HEADING = re.compile(r"^\s*(\[{1,2})\s*([^\[\]]+?)\s*\]{1,2}\s*(?:#.*)?$")
@@ -189,33 +186,12 @@ def _further_problems(content: Mapping[str, Any]) -> Iterator[FieldProblem]:
         build = getattr(getattr(record, "faults", None), "build", None)
         if callable(build):
             yield from _tried("faults", lambda: build(geometry))
-        for field, name in _satellites(record, geometry):
-            yield from _tried(field, lambda name=name: require_satellite(geometry, name))  # type: ignore[misc]
-    yield from _of_kind(record)
+    for field, act in checks_of_kind(record, geometry):
+        yield from _tried(field, act)
     if str(record.kind) == "observe":  # type: ignore[attr-defined]
         for field, path in record.input_files().items():
             if not path.is_file():
                 yield FieldProblem(field, f"{path}: there is no such file.")
-
-
-def _of_kind(record: Any) -> Iterator[FieldProblem]:
-    """What single kinds ask for besides."""
-    if record.kind == "service":
-        yield from _error_model("", record.model_dump(include={"error_model", "error_options"}))
-        yield from _tried("operations", lambda: as_operations(record.operations))
-        yield from _tried("step_deg", lambda: world_grid(record.step_deg))
-        epochs = max(1, math.ceil(record.duration_s / record.step_s - 1e-9))
-        yield from _tried(
-            "durations_s", lambda: as_durations(record.durations_s, step_s=record.step_s, epochs=epochs)
-        )
-    elif record.kind == "noise":
-        try:
-            known = [one.name for one in record.method_records()]
-        except (InputError, TypeError):
-            # The wrong method has been named.
-            return
-        for name in record.rare.methods:
-            yield from _tried("rare.methods", lambda name=name: require_choice(name, known, field="rare.methods"))  # type: ignore[misc]
 
 
 def _record(content: Mapping[str, Any]) -> Experiment | None:
@@ -280,28 +256,6 @@ def _simulated(part: str, given: Mapping[str, Any]) -> Generator[FieldProblem, N
         if not wrong:
             return None
         fields = {key: value for key, value in fields.items() if key not in wrong}
-
-
-def _satellites(record: Any, g: Geometry) -> Iterator[tuple[str, str]]:
-    """Satellites that a record names, other than in faults that are built."""
-    fields: list[tuple[str, Sequence[str]]] = []
-    if record.kind == "time-ramps":
-        fields = [("satellite", (record.satellite,))]
-    elif record.kind == "noise":
-        fields = [("faults.satellite", (record.faults.satellite,))]
-    elif record.kind == "stanford":
-        fields = [("satellites", record.satellites)]
-    elif record.kind == "risk":
-        estimated = record.worst.estimated
-        fields = [
-            ("curves.satellites", record.curves.satellites),
-            ("worst.estimated", () if estimated == ("all",) else estimated),
-            ("calibration.alarm_satellite", (record.calibration.alarm_satellite,)),
-            *((f"calibration.faults.{k}", tuple(one)) for k, one in enumerate(record.calibration.faults)),
-        ]
-    for field, names in fields:
-        for name in names:
-            yield field, name
 
 
 def _tried(field: str, act: Callable[[], Any], inner: Collection[str] = ()) -> Iterator[FieldProblem]:

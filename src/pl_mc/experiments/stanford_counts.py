@@ -58,6 +58,14 @@ class Grid:
                 f"(nearest: {self.cell_m * min(max(round(cells), 1), 1000):g})."
             )
 
+    def require_limit(self, limit_m: float) -> None:
+        """An `InputError` unless an alert limit lies on the diagram."""
+        if self.reach_m <= limit_m:
+            raise InputError(
+                f"reach_m: more than the alert limit of {limit_m:g} m is needed, so that it is on the diagram, "
+                f"not {self.reach_m:g}."
+            )
+
     @property
     def cells(self) -> int:
         """Cells along an axis, without the one beyond."""

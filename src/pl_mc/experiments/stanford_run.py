@@ -54,11 +54,7 @@ def run(experiment: StanfordExperiment, folder: Path, *, execution: Execution) -
         The summary in Markdown, and notes.
     """
     alert, grid = experiment.alert_limits(), Grid(experiment.reach_m, experiment.cell_m)
-    if grid.reach_m <= alert.vertical_m:
-        raise InputError(
-            f"reach_m: more than the alert limit of {alert.vertical_m:g} m is needed, so that it is on the "
-            f"diagram, not {grid.reach_m:g}."
-        )
+    grid.require_limit(alert.vertical_m)
     g = scaled_noise(experiment.geometry.build(), experiment.noise_scale)
     found = stanford_counts(
         g, _faults(experiment, g), draws=experiment.draws, seed=experiment.seed,

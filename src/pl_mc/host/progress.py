@@ -11,8 +11,17 @@ Item = TypeVar("Item")
 
 
 @contextlib.contextmanager
-def progress_bar(*, total: int, what: str, show: bool | None) -> Iterator[Callable[[], None]]:
-    """A function that advances the bar by one; ``show`` None shows it where standard error is a terminal."""
+def progress_bar(
+    *, total: int, what: str, show: bool | None, each: float = 1.0, unit: str = ""
+) -> Iterator[Callable[[], None]]:
+    """A function that advances the bar by one.
+
+    Args:
+        total: steps in all.
+        what: what goes on.
+        show: whether to show it; where standard error is a terminal if None.
+        each, unit: what a step does, about, for the rate: so many scenarios, say.
+    """
     if not (sys.stderr.isatty() if show is None else show):
         yield lambda: None
         return
@@ -30,10 +39,10 @@ def progress_bar(*, total: int, what: str, show: bool | None) -> Iterator[Callab
     from rich.text import Text
 
     class Rate(ProgressColumn):
-        """Steps a second, once two are done."""
+        """Steps, or what they do, a second, once two are done."""
 
         def render(self, task: Task) -> Text:
-            return Text(f"{task.speed:.3g}/s" if task.speed else "-/s")
+            return Text(rate_text(None if task.speed is None else each * task.speed, unit))
 
     columns = (
         TextColumn("{task.description}"), BarColumn(), MofNCompleteColumn(), Rate(), TimeElapsedColumn(),
@@ -42,6 +51,17 @@ def progress_bar(*, total: int, what: str, show: bool | None) -> Iterator[Callab
     with Progress(*columns, console=Console(stderr=True), transient=True) as bar:
         task = bar.add_task(what, total=total)
         yield lambda: bar.advance(task)
+
+
+def rate_text(rate: float | None, unit: str) -> str:
+    """A rate for people, ``2.1M scenarios/s``; a dash while it is not known."""
+    ends = f" {unit}/s" if unit else "/s"
+    if not rate:
+        return f"-{ends}"
+    for size, letter in ((1e9, "G"), (1e6, "M"), (1e3, "k")):
+        if rate >= size:
+            return f"{rate / size:.3g}{letter}{ends}"
+    return f"{rate:.3g}{ends}"
 
 
 def with_progress(items: Iterable[Item], *, total: int, what: str, show: bool | None) -> Iterator[Item]:

@@ -102,7 +102,7 @@ def exposure(
     model = as_noise_model(noise)
     model.require_geometry(g)
     chosen = as_methods(methods)
-    samples = _samples(duration_s, interval_s)
+    samples = samples_of(duration_s, interval_s)
     taus = _taus(tau_s)
     plan, dtype = make_plan(g, faults, draws), dtype_of(precision)
     with precision_scope(precision):
@@ -141,7 +141,8 @@ def exposure(
     return pd.DataFrame(rows)
 
 
-def _samples(duration_s: float, interval_s: float) -> int:
+def samples_of(duration_s: float, interval_s: float) -> int:
+    """The samples of an exposure; an `InputError` unless whole intervals make its duration."""
     ratio = require_positive(duration_s, field="duration_s") / require_positive(interval_s, field="interval_s")
     samples = round(ratio)
     if not 1 <= samples <= _MOST_SAMPLES or abs(ratio - samples) > 1e-9 * samples:

@@ -117,16 +117,8 @@ def time_to_alert(
     rates = _rates(rates_m_per_s)
     draws = require_whole(draws, field="draws", low=1, high=_MOST_DRAWS)
     seed = require_whole(seed, field="seed", low=0, high=LARGEST_SEED)
-    if not 0.0 < require_number(p_fa, field="p_fa") < 1.0:
-        raise InputError(f"p_fa: a number between 0 and 1 is needed, not {p_fa!r}.")
-    least = math.ceil(_FEWEST_BEYOND / p_fa)
-    calibration_draws = require_whole(calibration_draws, field="calibration_draws", low=least, high=_MOST_DRAWS)
-    onset = whole_samples(onset_s, rows.interval_s, field="onset_s")
-    if not 1 <= onset < len(g_series) - 1:
-        raise InputError(
-            f"onset_s: it lies between the first and the last epoch, after {rows.interval_s:g} s to "
-            f"{(len(g_series) - 2) * rows.interval_s:g} s, not {onset_s:g} s."
-        )
+    calibration_draws = require_calibration(calibration_draws, p_fa)
+    onset = require_onset(onset_s, rows.interval_s, len(g_series))
     spare = (g_series.satellite_count - g_series.unknown_count)[onset:]
     if (spare < 1).any():
         raise InputError(
@@ -176,6 +168,25 @@ def calibrated(largest: FloatArray, p_fa: float) -> FloatArray:
     passes = largest.shape[1]
     beyond = math.floor(p_fa * passes)
     return np.sort(largest, axis=1)[:, passes - beyond - 1]
+
+
+def require_calibration(draws: int, p_fa: float) -> int:
+    """``draws`` fault-free passes, checked to be enough for a threshold of the false-alarm probability ``p_fa``."""
+    if not 0.0 < require_number(p_fa, field="p_fa") < 1.0:
+        raise InputError(f"p_fa: a number between 0 and 1 is needed, not {p_fa!r}.")
+    least = math.ceil(_FEWEST_BEYOND / p_fa)
+    return require_whole(draws, field="calibration_draws", low=least, high=_MOST_DRAWS)
+
+
+def require_onset(onset_s: float, interval_s: float, epochs: int) -> int:
+    """The sample at which a ramp begins, checked to lie within the pass."""
+    onset = whole_samples(onset_s, interval_s, field="onset_s")
+    if not 1 <= onset < epochs - 1:
+        raise InputError(
+            f"onset_s: it lies between the first and the last epoch, after {interval_s:g} s to "
+            f"{(epochs - 2) * interval_s:g} s, not {onset_s:g} s."
+        )
+    return onset
 
 
 def _rates(rates_m_per_s: ArrayLike) -> FloatArray:
