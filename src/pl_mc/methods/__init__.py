@@ -16,6 +16,7 @@ from pl_mc.methods.nioraim import Nioraim
 from pl_mc.methods.parity import Parity
 from pl_mc.methods.range_comparison import RangeComparison
 from pl_mc.methods.registry import METHODS, as_methods, method
+from pl_mc.methods.reweighted import Reweighted
 from pl_mc.methods.sbas import Sbas
 from pl_mc.methods.slope import Slope
 from pl_mc.methods.tukey import Tukey
@@ -39,6 +40,7 @@ __all__ = [
     "Outcome",
     "Parity",
     "RangeComparison",
+    "Reweighted",
     "Sbas",
     "Slope",
     "Tukey",

@@ -7,6 +7,7 @@ beside this one and list its class in `pl_mc.methods.registry`.
 
 from __future__ import annotations
 
+import inspect
 from dataclasses import dataclass
 from typing import Any, Protocol, runtime_checkable
 
@@ -67,9 +68,11 @@ def outcome_of(estimate: Estimate, levels: ProtectionLevels) -> Outcome:
 
 def name_with_options(base: str, options: Any, defaults: Any) -> str:
     """``igg3``, or ``igg3(k1=4,scale=apriori)`` where options differ from the defaults."""
+    # What a class has of its own comes before what it shares with others.
+    own = inspect.get_annotations(type(options))
     changed = [
         f"{field}={plain_number(value)}" if isinstance(value, float) else f"{field}={value}"
-        for field in options.__dataclass_fields__
+        for field in sorted(options.__dataclass_fields__, key=lambda field: field not in own)
         if (value := getattr(options, field)) != getattr(defaults, field)
     ]
     return f"{base}({','.join(changed)})" if changed else base

@@ -7,17 +7,16 @@ satellite that carries it falls faster than its residual grows, so what is teste
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
+from typing import ClassVar
 
-import jax.numpy as jnp
-import numpy as np
 from jax import Array
 
-from pl_mc.input_errors import InputError, require_choice, require_number
+from pl_mc.input_errors import require_choice
 from pl_mc.kernels import Estimate, LinearModel, Start, irls, protection_levels
 from pl_mc.kernels.linear_model import per_lane, product
-from pl_mc.methods.base import Outcome, name_with_options, outcome_of
+from pl_mc.methods.base import Outcome, outcome_of
 from pl_mc.methods.igg3 import Igg3
-from pl_mc.statistics.student import chi2_threshold
+from pl_mc.methods.raim_levels import at_freedom, require_risks, thresholds
 
 GATES = ("weighted", "unweighted", "ls")
 
@@ -39,21 +38,16 @@ class GatedIgg3(Igg3):
     p_fa: float = 1e-3
     gate: str = "weighted"
 
+    key: ClassVar[str] = "igg3_gated"
+
     def __post_init__(self) -> None:
         super().__post_init__()
         require_choice(self.gate, GATES, field="igg3_gated: gate")
-        if not 0.0 < require_number(self.p_fa, field="igg3_gated: p_fa") < 1.0:
-            raise InputError(f"igg3_gated: p_fa: a number between 0 and 1 is needed, not {self.p_fa!r}.")
-
-    @property
-    def name(self) -> str:
-        return name_with_options("igg3_gated", self, GatedIgg3())
+        require_risks("igg3_gated", p_fa=self.p_fa)
 
     def prepare(self, model: LinearModel) -> Array:  # type: ignore[override]
-        """The threshold; with nothing redundant there is no solution to reject, and any number serves."""
-        table = np.concatenate([[np.inf], chi2_threshold(np.arange(1, model.design.shape[0] + 1), self.p_fa)])
-        freedom = jnp.maximum(jnp.round(model.redundancies), 0).astype(jnp.int32)
-        return jnp.asarray(table, model.design.dtype)[freedom]
+        """The threshold; with nothing redundant there is no solution to reject."""
+        return at_freedom(thresholds(model.design.shape[0], self.p_fa), model.redundancies)
 
     def solve(self, model: LinearModel, prepared: Array, start: Start) -> Outcome:  # type: ignore[override]
         estimate = irls(model, start, self.options)

@@ -33,6 +33,7 @@ class Reweighted(ABC):
         cofactor: N of the residuals' standard deviations: ``fault_free``, ``reweighted`` or ``none``.
         redundancy: divisor of the unit-weight error: ``all``, ``kept`` or ``weights``.
         start: first solution: ``ls``, or ``huber`` for five solutions with Huber's weights.
+        weight_floor: smallest weight factor; above zero no satellite is thrown out.
         k_horizontal, k_vertical: multipliers of the protection levels.
     """
 
@@ -41,6 +42,7 @@ class Reweighted(ABC):
     cofactor: str = "fault_free"
     redundancy: str = "all"
     start: str = "ls"
+    weight_floor: float = 0.0
     k_horizontal: float = K_HORIZONTAL
     k_vertical: float = K_VERTICAL
 
@@ -71,6 +73,7 @@ class Reweighted(ABC):
             cofactor=self.cofactor,
             redundancy=self.redundancy,
             start=self.start,
+            weight_floor=self.weight_floor,
         )
 
     def prepare(self, model: LinearModel) -> tuple[()]:

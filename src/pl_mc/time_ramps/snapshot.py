@@ -22,10 +22,9 @@ from jax import Array
 from pl_mc.kernels import LinearModel, Start
 from pl_mc.kernels.leave_one_out import all_in_view, standardised
 from pl_mc.kernels.linear_model import product
-from pl_mc.methods import L1, MM, Araim, GatedIgg3, Igg3, Ls, Method, Parity, Slope, WTest
-from pl_mc.methods.reweighted import Reweighted
+from pl_mc.methods import L1, MM, Araim, GatedIgg3, Ls, Method, Parity, Reweighted, Slope, WTest
 
-LEVEL_METHODS = (Ls, Igg3, Reweighted, MM, L1)
+LEVEL_METHODS = (Ls, Reweighted, MM, L1)
 SNAPSHOT_METHODS = (*LEVEL_METHODS, Slope, Parity, WTest, Araim)
 
 
