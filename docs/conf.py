@@ -67,6 +67,32 @@ def _bars(app: Any, what: str, name: str, obj: Any, options: Any, lines: list[st
         lines[place] = "``".join(parts)
 
 
+def _returned(app: Any, what: str, name: str, obj: Any, options: Any, lines: list[str]) -> None:
+    """What is returned is text from its first word on, not a type up to the first colon, which may be anywhere."""
+    for place in range(1, len(lines)):
+        if lines[place - 1].strip() == "Returns:":
+            text = lines[place].lstrip()
+            lines[place] = f"{lines[place][: -len(text)]}: {text}"
+
+
+def _apart(app: Any, what: str, name: str, obj: Any, options: Any, lines: list[str]) -> None:
+    """Attributes that share a description, ``a, b: text``, get it each; Sphinx would take the first for a type."""
+    apart: list[str] = []
+    place = 0
+    while place < len(lines):
+        end = place + 1
+        shared = re.fullmatch(r":ivar (\w+(?:, \w+)+):(.*)", lines[place])
+        if shared is None:
+            apart.append(lines[place])
+        else:
+            while end < len(lines) and lines[end].startswith(" "):
+                end += 1
+            for one in shared[1].split(", "):
+                apart += [f":ivar {one}:{shared[2]}", *lines[place + 1 : end]]
+        place = end
+    lines[:] = apart
+
+
 def _names(
     app: Any, what: str, name: str, obj: Any, options: Any, signature: str | None, returns: str | None
 ) -> Any:
@@ -77,6 +103,10 @@ def _names(
 def setup(app: Any) -> dict[str, bool]:
     """Register the drawing of formulas and the reading of docstrings."""
     app.connect("autodoc-process-docstring", _bars)
+    # Before napoleon.
+    app.connect("autodoc-process-docstring", _returned, priority=100)
+    # After napoleon, which makes fields of sections.
+    app.connect("autodoc-process-docstring", _apart, priority=900)
     app.connect("autodoc-process-signature", _names)
     app.add_html_math_renderer("mathml", (_inline, None), (_block, None))
     return {"parallel_read_safe": True, "parallel_write_safe": True}

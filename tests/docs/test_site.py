@@ -32,6 +32,8 @@ def test_the_site_builds_strictly_and_stands_alone(tmp_path: Path) -> None:
         assert loaded
         assert not [target for target in loaded if re.match(r"(?:https?:)?//", target)], page.name
         assert "system-message" not in text
+        # No name of an attribute was taken for the type of another one.
+        assert not re.search(r"\(<em>\w+</em><em>,", text), page.name
     for sheet in site.rglob("*.css"):
         assert not re.search(r"(?:@import|url\()\s*[\"']?(?:https?:)?//", sheet.read_text(encoding="utf-8"))
     assert "<math" in (site / "theory.html").read_text(encoding="utf-8")

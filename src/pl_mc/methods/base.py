@@ -43,7 +43,7 @@ class Method(Protocol):
 
     @property
     def name(self) -> str:
-        """Name in tables: the method's own, with the options that are not the default in brackets."""
+        """The name in tables, the method's own with the options that are not the default in brackets."""
         ...
 
     def prepare(self, model: LinearModel) -> Any:

@@ -26,7 +26,7 @@ class NoiseModel(Protocol):
 
     @property
     def name(self) -> str:
-        """Name in tables: the model's own, with its options in brackets."""
+        """The name in tables, the model's own with its options in brackets."""
         ...
 
     @property

@@ -59,7 +59,7 @@ class StudentT:
 
     @property
     def unit(self) -> float:
-        """Sigma's worth of one unit of a standard t variable: errors are t times this, in sigma."""
+        """What a standard t variable is multiplied by to give errors, in sigma."""
         if self.match == SIGMA:
             return float(np.sqrt((self.nu - 2.0) / self.nu))
         return float(1.0 / -special.stdtrit(self.nu, special.ndtr(-1.0)))
