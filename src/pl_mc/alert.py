@@ -2,9 +2,10 @@
 
 from __future__ import annotations
 
+import numbers
 from dataclasses import dataclass
 
-from pl_mc.input_errors import InputError
+from pl_mc.input_errors import InputError, shown
 
 
 @dataclass(frozen=True)
@@ -24,8 +25,9 @@ class AlertLimits:
     def __post_init__(self) -> None:
         for field in ("vertical_m", "horizontal_m"):
             value = getattr(self, field)
-            if not 0.0 < value < float("inf"):
-                raise InputError(f"alert.{field}: an alert limit is positive and finite, not {value!r}.")
+            number = isinstance(value, numbers.Real) and not isinstance(value, bool)
+            if not (number and 0.0 < value < float("inf")):
+                raise InputError(f"alert.{field}: an alert limit is positive and finite, not {shown(value)}.")
 
     @property
     def has_vertical(self) -> bool:

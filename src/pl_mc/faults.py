@@ -14,9 +14,12 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from pl_mc.geometry.record import Geometry
-from pl_mc.input_errors import InputError, nearest, plain_number, require_number
+from pl_mc.input_errors import InputError, nearest, plain_number, require_number, shown
 
 NO_FAULT = "none"
+
+# A ramp of more steps is a slip of the hand.
+_MOST_STEPS = 1_000_000
 
 
 @dataclass(frozen=True)
@@ -101,6 +104,8 @@ def biases(g: Geometry, bias_m: Mapping[str, float]) -> Faults:
         g: the geometry.
         bias_m: bias of each faulted satellite [m], ``{"G02": 30.0, "C11": -20.0}``.
     """
+    if not isinstance(bias_m, Mapping):
+        raise InputError(f"biases: a table by satellite is needed, such as {{'G02': 30.0}}, not {shown(bias_m)}.")
     row = np.zeros(len(g.names))
     for name, value in bias_m.items():
         row[require_satellite(g, name)] = require_number(value, field=f"bias of {name}")
@@ -122,6 +127,8 @@ def ramp(g: Geometry, *, satellite: str, start_m: float, stop_m: float, step_m: 
 
 def ramps(g: Geometry, *, satellites: Sequence[str], start_m: float, stop_m: float, step_m: float) -> Faults:
     """The same ramp on each of several satellites, one at a time, satellite by satellite."""
+    if isinstance(satellites, str) or not isinstance(satellites, Sequence):
+        raise InputError(f"satellites: a sequence of names is needed, not {shown(satellites)}.")
     sizes = ramp_sizes_m(start_m, stop_m, step_m)
     rows = np.zeros((len(satellites), sizes.size, len(g.names)))
     for k, satellite in enumerate(satellites):
@@ -131,13 +138,17 @@ def ramps(g: Geometry, *, satellites: Sequence[str], start_m: float, stop_m: flo
 
 def ramp_sizes_m(start_m: float, stop_m: float, step_m: float) -> NDArray[np.float64]:
     """start, start + step, ... up to stop [m]; a step of a rounding error past stop still counts."""
-    for field, value in (("start_m", start_m), ("stop_m", stop_m), ("step_m", step_m)):
+    start_m, stop_m, step_m = (
         require_number(value, field=f"ramp: {field}")
+        for field, value in (("start_m", start_m), ("stop_m", stop_m), ("step_m", step_m))
+    )
     if step_m == 0 or (stop_m - start_m) / step_m < 0:
         raise InputError(
-            f"ramp: from {start_m} m to {stop_m} m in steps of {step_m} m: the step has to lead from the start to "
-            "the stop."
+            f"ramp: from {start_m:g} m to {stop_m:g} m in steps of {step_m:g} m: the step has to lead from the "
+            "start to the stop."
         )
+    if (stop_m - start_m) / step_m > _MOST_STEPS:
+        raise InputError(f"ramp: it has more than {_MOST_STEPS} steps; a longer step or a shorter ramp is needed.")
     steps = int(np.floor((stop_m - start_m) / step_m + 1e-9))
     # To the nanometre: what 0.1 + 2 x 0.1 adds beyond is no part of a ramp.
     return np.round(start_m + step_m * np.arange(steps + 1, dtype=np.float64), 9)
@@ -145,6 +156,6 @@ def ramp_sizes_m(start_m: float, stop_m: float, step_m: float) -> NDArray[np.flo
 
 def require_satellite(g: Geometry, name: str) -> int:
     """Index of ``name`` in ``g.names``; an `InputError` with the nearest names if it is not there."""
-    if name not in g.names:
-        raise InputError(f"satellite: {name!r} is not in view ({nearest(str(name), g.names)}).")
+    if not isinstance(name, str) or name not in g.names:
+        raise InputError(f"satellite: {shown(name)} is not in view ({nearest(str(name), g.names)}).")
     return g.names.index(name)

@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from pl_mc.faults import require_satellite
 from pl_mc.geometry.record import Geometry
-from pl_mc.input_errors import InputError, plain_number
+from pl_mc.input_errors import InputError, plain_number, shown
 
 _FORM = re.compile(r"(?P<satellite>[^:]+):(?P<bias>[^:]+?)m?(?::(?P<first>\d+)-(?P<last>\d+))?")
 
@@ -42,12 +42,15 @@ def parse_injection(text: str) -> Injection:
     Raises:
         InputError: another form, a bias that is not a finite number, or a window that ends before it begins.
     """
-    found = _FORM.fullmatch(text.strip())
     rule = "satellite:bias:first-last is needed, such as G02:+30m:545-645"
+    if not isinstance(text, str):
+        raise InputError(f"fault {shown(text)}: {rule}.")
+    found = _FORM.fullmatch(text.strip())
     if found is None:
         raise InputError(f"fault {text!r}: {rule}.")
     try:
-        bias = float(found["bias"])
+        # Python reads digits of other alphabets and underscores too.
+        bias = float(found["bias"] if text.isascii() and "_" not in found["bias"] else "none")
     except ValueError:
         raise InputError(f"fault {text!r}: {found['bias']!r} is no number of metres; {rule}.") from None
     if not np.isfinite(bias):

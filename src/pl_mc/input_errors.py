@@ -18,6 +18,16 @@ class InputError(ValueError):
     """Something that the user gave cannot be used; the message is one sentence made for that user."""
 
 
+# What is quoted of a value is at most so long.
+_LONGEST_SHOWN = 60
+
+
+def shown(value: object) -> str:
+    """A value within a sentence: on one line, and not all of a long one."""
+    text = " ".join(repr(value).split())
+    return text if len(text) <= _LONGEST_SHOWN else f"{text[:_LONGEST_SHOWN]}..."
+
+
 def nearest(word: str, valid: Iterable[str], *, limit: int = 3) -> str:
     """The end of a sentence about an unknown word: the nearest valid ones, or all where there are few.
 
@@ -37,8 +47,8 @@ def nearest(word: str, valid: Iterable[str], *, limit: int = 3) -> str:
 def require_choice(word: str, valid: Iterable[str], *, field: str) -> str:
     """``word`` if it is one of ``valid``; else an `InputError` that names ``field`` and the nearest choices."""
     choices = list(valid)
-    if word not in choices:
-        raise InputError(f"{field}: {word!r} is unknown ({nearest(str(word), choices)}).")
+    if not isinstance(word, str) or word not in choices:
+        raise InputError(f"{field}: {shown(word)} is unknown ({nearest(str(word), choices)}).")
     return word
 
 
@@ -47,7 +57,7 @@ def require_whole(value: int, *, field: str, low: int, high: int | None = None) 
     whole = isinstance(value, numbers.Integral) and not isinstance(value, bool)
     if not whole or value < low or (high is not None and value > high):
         bounds = f"of at least {low}" if high is None else f"from {low} to {high}"
-        raise InputError(f"{field}: a whole number {bounds} is needed, not {value!r}.")
+        raise InputError(f"{field}: a whole number {bounds} is needed, not {shown(value)}.")
     return int(value)
 
 
@@ -55,14 +65,19 @@ def require_positive(value: float, *, field: str) -> float:
     """``value`` as a float if it is a positive, finite number; else an `InputError` that names ``field``."""
     number = require_number(value, field=field)
     if number <= 0:
-        raise InputError(f"{field}: a positive number is needed, not {value!r}.")
+        raise InputError(f"{field}: a positive number is needed, not {shown(value)}.")
     return number
 
 
 def require_number(value: float, *, field: str) -> float:
     """``value`` as a float if it is a finite number; else an `InputError` that names ``field``."""
-    if not isinstance(value, numbers.Real) or isinstance(value, bool) or not math.isfinite(value):
-        raise InputError(f"{field}: a finite number is needed, not {value!r}.")
+    try:
+        good = isinstance(value, numbers.Real) and not isinstance(value, bool) and math.isfinite(value)
+    except OverflowError:
+        # A whole number beyond the largest that a computer counts with.
+        good = False
+    if not good:
+        raise InputError(f"{field}: a finite number is needed, not {shown(value)}.")
     return float(value)
 
 

@@ -15,8 +15,9 @@ from hypothesis import strategies as st
 import pl_mc
 from pl_mc.engine import identity
 from pl_mc.engine.noise import LANES
-from pl_mc.engine.part_files import IDENTITY_FILE, BadPart, PartStore, is_whole, read_rows
+from pl_mc.engine.part_files import BadPart, PartStore, is_whole, read_rows
 from pl_mc.engine.table import fault_table
+from pl_mc.engine.task import SweepTask
 from pl_mc.engine.totals import FaultTotals
 from pl_mc.input_errors import InputError
 from reference import small_sweep as small
@@ -315,7 +316,7 @@ def test_a_folder_for_one_epoch(tmp_path):
 
     with cut(9):
         table = sweep(folder=tmp_path)
-        assert sorted(path.name for path in tmp_path.iterdir()) == [IDENTITY_FILE, "part-000000.parquet"]
+        assert sorted(path.name for path in tmp_path.iterdir()) == [SweepTask.kind.record, "part-000000.parquet"]
         assert_same(sweep(folder=tmp_path, resume=True), table)
     rows = pd.read_parquet(tmp_path).set_index(["method", "fault"])
     for row in table.itertuples():

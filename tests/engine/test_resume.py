@@ -21,7 +21,7 @@ from hypothesis import strategies as st
 
 import pl_mc
 from pl_mc.engine import part_files
-from pl_mc.engine.part_files import IDENTITY_FILE, PartStore
+from pl_mc.engine.part_files import PartStore
 from pl_mc.engine.task import SweepTask
 from pl_mc.input_errors import InputError
 from pl_mc.methods import Igg3, as_methods
@@ -30,6 +30,7 @@ from reference.small_sweep import assert_same, cut
 
 TESTS = Path(__file__).parents[1]
 PARTS = 12
+IDENTITY_FILE = SweepTask.kind.record
 
 
 @pytest.fixture(scope="module")

@@ -178,6 +178,7 @@ def test_the_risk_experiment(tmp_path: Path) -> None:
         (RISK, {"curves": {"satellites": ["G99"]}}, "'G99' is not in view"),
         (RISK, {"budgets": [{"method": "igg4"}]}, r"budgets\.method: 'igg4' is unknown"),
         (RISK, {"worst": {"estimated": ["G2"]}}, "'G2' is not in view"),
+        (RISK, {"worst": {"estimated": ["G22"], "refined": [1, 1]}}, r"worst\.refined: one number"),
         (STANFORD, {"reach_m": 30.0}, "more than the alert limit of 35 m"),
         (STANFORD, {"cell_m": 0.7}, "whole cells of 0.7 m"),
         (STANFORD, {"faults": None, "satellites": ["G01"]}, "they get a ramp"),

@@ -13,8 +13,10 @@ from scipy import stats
 import pl_mc
 from pl_mc.geometry.record import Geometry
 from pl_mc.input_errors import InputError
+from pl_mc.integrity_risk import tuning
 from pl_mc.integrity_risk.tuning import tune
-from pl_mc.integrity_risk.tuning_objective import TuningProblem, cost
+from pl_mc.integrity_risk.tuning_draws import weighted_noise
+from pl_mc.integrity_risk.tuning_objective import TuningProblem, WeightedNoise, cost, weighted_quantile
 from pl_mc.kernels import Igg3Weight, linear_model, start_from
 from pl_mc.methods import Igg3
 from reference.problems import appendix_d
@@ -128,6 +130,83 @@ def test_what_tuning_gives(g: Geometry, table: pd.DataFrame) -> None:
     assert abs(drawn["vpl_m"].mean() - rows.loc["tuned", "objective"]) < 4.9 * error
 
 
+@pytest.fixture(scope="module")
+def weighted(g: Geometry) -> WeightedNoise:
+    """Draws for a target of 1e-4, from limits on either side of those that are looked at."""
+    problem = dataclasses.replace(_problem(g), target=1e-4)
+    places = [np.array([1.5, 5.0]), np.array([0.8, 6.0])]
+    return weighted_noise(problem, places, np.random.default_rng(12), 8192)[0]
+
+
+@pytest.mark.parametrize("limits", [(1.5, 5.0), (1.1, 5.5)])
+def test_weighted_draws_tell_what_counting_tells(
+    g: Geometry, weighted: WeightedNoise, limits: tuple[float, float]
+) -> None:
+    """The risk at a multiplier from 8192 weighted draws and from 2^18 plain ones, also at limits not adapted to."""
+    problem, where = dataclasses.replace(_problem(g), target=1e-4), np.array(limits)
+    log_ratio = problem.draws(where, weighted).log_ratio
+    plain = np.random.default_rng(13).standard_normal((2**18, len(g.names)))
+    counted = problem.draws(where, plain).log_ratio
+    for k in range(2):
+        level = np.quantile(counted[k], 1.0 - 4e-4)
+        above = weighted.weight[k] * (log_ratio[k] > level)
+        error = np.sqrt(len(above)) * above.std()
+        # 105 of the plain draws are above it; both errors, one in a million.
+        assert abs(above.sum() - 4e-4) < 4.9 * np.hypot(error, np.sqrt(4e-4 / 2**18))
+        assert error < 0.2 * 4e-4
+    assert problem.effective(where, weighted) > 100.0
+    quantile = weighted_quantile(log_ratio[1], weighted.weight[1], 4e-4)
+    assert (weighted.weight[1] * (log_ratio[1] > quantile)).sum() <= 4e-4
+    assert (weighted.weight[1] * (log_ratio[1] >= quantile)).sum() >= 4e-4
+
+
+@pytest.mark.parametrize("objective", ["vpl", "alarms"])
+def test_gradient_over_weighted_draws(g: Geometry, weighted: WeightedNoise, objective: str) -> None:
+    problem, where = dataclasses.replace(_problem(g, objective), target=1e-4), np.array([1.3, 5.2])
+    _, slope, _ = problem.smooth(where, weighted)
+    step = 1e-6
+    for k, unit in enumerate(np.eye(2)):
+        above, below = (problem.smooth(where + sign * step * unit, weighted)[0] for sign in (1.0, -1.0))
+        # As for plain draws.
+        assert (above - below) / (2.0 * step) == pytest.approx(slope[k], rel=1e-3, abs=2e-5)
+
+
+def test_a_rare_target(g: Geometry, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Too rare for so few draws: multipliers are those that counting finds with many, and the price falls."""
+    faults = pl_mc.biases(g, {"G03": 10.0})
+    rare = {
+        "target": 1e-3, "faults": faults, "draws": DRAWS, "search_draws": 2048, "steps": 4, "grid": 0, "seed": 7,
+        "target_cov": 0.2, "max_evaluations": 1_000_000,
+    }  # fmt: skip
+    monkeypatch.setattr(tuning, "_STARTS", ())
+    rows = tune(g, **rare).set_index("limits")
+    assert list(rows.index) == ["start", "tuned"]
+    assert (rows["found"] == "rare events").all()
+    assert rows.loc["start", "warning"] == ""
+    assert (rows["k_low"] < rows["k_best"]).all()
+    assert (rows["k_best"] < rows["k_vertical"]).all()
+    # Where curve and check did not bear each other out there would be no number: 20 % of error each, and more.
+    np.testing.assert_allclose(rows["check_probability"], 1e-3, rtol=0.6)
+    # Bounds at 1 - 5e-7 each, so that two intervals that do not meet are one in a million.
+    for name, limits in (("start", (1.5, 5.0)), ("tuned", tuple(rows.loc["tuned", ["k0", "k1"]]))):
+        problem = dataclasses.replace(_problem(g), bias_m=faults.bias_m)
+        noise = np.random.default_rng(14).standard_normal((2**16, len(g.names)))
+        ratios = np.exp(np.sort(problem.draws(np.array(limits), noise).log_ratio[0]))[::-1]
+        ranks = stats.binom.ppf([5e-7, 1.0 - 5e-7], len(ratios), 1e-3).astype(int)
+        assert ratios[ranks[1]] < rows.loc[name, "k_best"] < ratios[ranks[0]]
+    assert rows.loc["tuned", "change"] < -3.0 * rows.loc["tuned", "change_error"]
+    assert rows.loc["tuned", "objective"] == pytest.approx(rows.loc["tuned", "vpl_m"])
+    assert (rows["alarms"] / rows["draws"] == rows["alarm_rate"]).all()
+
+    # Where the search has no ground to stand on there is a sentence and no number.
+    monkeypatch.setattr(tuning, "_LEAST_EFFECTIVE", 1e9)
+    monkeypatch.setattr(tuning, "estimated_limits", lambda *_, **__: tuning.unknown_limits("not asked"))
+    degenerate = tune(g, **(rare | {"steps": 1, "parameters": "k1", "search_draws": 1024}))
+    assert degenerate.attrs["method"] is None
+    assert np.isnan(degenerate["objective"].iloc[1])
+    assert "the weighted draws of the search degenerate" in degenerate["warning"].iloc[1]
+
+
 def test_what_does_not_move(g: Geometry) -> None:
     table = tune(g, parameters=["k_vertical"], target=TARGET, draws=DRAWS, seed=7)
     assert (table["k0"] == 1.5).all()
@@ -143,14 +222,16 @@ def test_what_does_not_move(g: Geometry) -> None:
 
 def test_bad_input(g: Geometry) -> None:
     cases: list[tuple[dict, str]] = [
-        ({"target": 1e-7}, "draws: a target of 1e-07 needs at least 200000000"),
+        ({"search_draws": 10}, "search_draws: a whole number"),
+        ({"max_evaluations": 1000}, "max_evaluations: a whole number"),
+        ({"target_cov": 0.0}, "target_cov: a positive number"),
         ({"target": 2.0}, "target: it lies between 0 and 1"),
         ({"method": "ls"}, "method: IGG-III is tuned"),
         ({"objective": "hpl"}, "objective: 'hpl' is unknown"),
         ({"event": "missed"}, "event: 'missed' is unknown"),
         ({"parameters": ["k2"]}, "parameters: 'k2' is unknown"),
         ({"steps": 0}, "steps: a whole number"),
-        ({"grid": 0}, "grid: a whole number"),
+        ({"grid": -1}, "grid: a whole number"),
         ({"smoothing": 0.0}, "smoothing: a positive number"),
         ({"seed": -1}, "seed"),
         ({"g": 3}, "geometry: a pl_mc Geometry is needed"),

@@ -65,12 +65,12 @@ def orbits() -> tuple[Orbit, ...]:
     made = []
     for k in range(24):
         plane, slot = divmod(k, 4)
-        angle, node = 2 * math.pi * (slot / 4 + plane / 9), plane * math.pi / 3
+        angle, node = 2 * math.pi * ((slot / 4 + plane / 9) % 1), plane * math.pi / 3
         clock = (1e-5 * (k - 12), 1e-12 * (k % 5), 0.0)
         made.append(Orbit(f"G{k + 1:02d}", 5153.65, 0.004 + 4e-4 * k, 0.9599, node, 0.7, angle, clock=clock))
     for k in range(24):
         plane, slot = divmod(k, 8)
-        angle = 2 * math.pi * (slot / 8 + plane / 24)
+        angle = 2 * math.pi * ((slot / 8 + plane / 24) % 1)
         made.append(Orbit(f"C{k + 19:02d}", 5282.6, 1e-3, 0.96, 0.4 + plane * 2 * math.pi / 3, -1.1, angle))
     for k, node in enumerate((0.3, 2.4, 4.5)):
         made.append(Orbit(f"C{k + 6:02d}", 6493.4, 0.008, 0.95, node, -2.0, 5.2 - node))

@@ -43,7 +43,7 @@ FAR = AlertLimits("far", vertical_m=1e9, horizontal_m=1e9)
 def volume():
     """Eighteen sites in batches of five, the last of them not full, in two threads."""
     with pytest.MonkeyPatch.context() as patched:
-        patched.setattr("pl_mc.service.volume.GEOMETRIES_PER_BATCH", 5 * EPOCHS)
+        patched.setattr("pl_mc.service.task.GEOMETRIES_PER_BATCH", 5 * EPOCHS)
         return service_volume(
             constellations=CONSTELLATIONS, without=WITHOUT, step_deg=60.0, step_s=STEP_S,
             duration_s=EPOCHS * STEP_S, start=START, mask_deg=MASK_DEG, methods=("ls", "araim", "sbas"),

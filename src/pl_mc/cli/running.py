@@ -147,9 +147,9 @@ def observe(
     Parameters
     ----------
     observations
-        RINEX 3 observation file, plain, gzipped or Hatanaka-compressed.
+        RINEX 2.11 (GPS alone), 3 or 4 observation file, plain, gzipped or Hatanaka-compressed.
     navigation
-        RINEX 3 navigation file with broadcast ephemerides of that day.
+        RINEX 2.11, 3 or 4 navigation file with broadcast ephemerides of that day.
     truth
         The true position: `X,Y,Z` Earth-fixed [m], or a CSV file with a track.
     systems

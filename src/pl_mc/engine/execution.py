@@ -1,4 +1,4 @@
-"""How and where a sweep runs, none of which changes a count; and the running."""
+"""How and where a task runs, none of which changes a count; and the running."""
 
 from __future__ import annotations
 
@@ -10,6 +10,7 @@ from typing import Protocol
 
 from pl_mc.engine.compiling import require_devices
 from pl_mc.engine.part_files import BadPart, PartStore
+from pl_mc.engine.part_task import P, Task
 from pl_mc.engine.task import PartCounts, SweepTask
 from pl_mc.host.progress import progress_bar
 from pl_mc.host.threads import cores
@@ -18,7 +19,7 @@ from pl_mc.input_errors import InputError, require_whole
 
 @dataclass(frozen=True)
 class Execution:
-    """How a sweep runs.
+    """How a sweep or a service volume runs.
 
     Attributes:
         workers: threads that compute; as many as cores unless given, one where there are several devices.
@@ -53,26 +54,34 @@ class Execution:
         """The same for one of several sweeps of an experiment, with a folder of its own."""
         return self if self.folder is None else replace(self, folder=self.folder / name)
 
+    def share_of(self, part_count: int) -> list[int]:
+        """Numbers of the parts, of so many, that are this process's to count, in order."""
+        index, count = self.shard or (1, 1)
+        return list(range(index - 1, part_count, count))
+
 
 class Engine(Protocol):
-    """What counts parts: this process, or a cluster."""
+    """What counts parts of sweeps: this process, or a cluster."""
 
     def __call__(
         self, task: SweepTask, numbers: Sequence[int], after_call: Callable[[], None]
     ) -> Generator[PartCounts]: ...
 
 
-def run_task(task: SweepTask, execution: Execution) -> Iterator[PartCounts | str]:
-    """The parts of a sweep in no certain order, stored where they are to be; and a sentence for each bad part file.
+def run_task(
+    task: Task[P], execution: Execution, count: Callable[[Sequence[int], Callable[[], None]], Generator[P]]
+) -> Iterator[P | str]:
+    """The parts of a task in no certain order, stored where they are to be; and a sentence for each bad part file.
+
+    Args:
+        task: what is counted.
+        execution: how.
+        count: counts parts, in whatever order, and calls its second argument after each call.
 
     Raises:
-        InputError: parts of another sweep, a folder that cannot be written, missing parts where none may be.
+        InputError: parts of another task, a folder that cannot be written, missing parts where none may be.
     """
-    engine = _engine(execution)
-    numbers = list(range(task.plan.part_count))
-    if execution.shard is not None:
-        index, count = execution.shard
-        numbers = numbers[index - 1 :: count]
+    numbers = execution.share_of(task.part_count)
     store = None
     missing = numbers
     damaged: list[str] = []
@@ -110,19 +119,12 @@ def run_task(task: SweepTask, execution: Execution) -> Iterator[PartCounts | str
         )
     if not missing:
         return
-    calls = [chunk for number in missing for chunk in task.plan.chunks(number)]
-    # One case of fault and noise is one scenario, by however many methods.
-    scenarios = sum(task.plan.cases_of(chunk) for chunk in calls)
+    calls, each = task.work_of(missing)
+    what, unit = task.kind.name.capitalize(), task.kind.unit
     with (
-        progress_bar(
-            total=len(calls),
-            what="Sweep",
-            show=execution.progress,
-            each=scenarios / len(calls),
-            unit="scenarios",
-        ) as advance,
-        # However this ends, threads and processes of the engine end with it.
-        closing(engine(task, sorted(missing), advance)) as parts,
+        progress_bar(total=calls, what=what, show=execution.progress, each=each, unit=unit) as advance,
+        # However this ends, threads and processes that count end with it.
+        closing(count(sorted(missing), advance)) as parts,
     ):
         for part in parts:
             if store is not None:
@@ -130,7 +132,8 @@ def run_task(task: SweepTask, execution: Execution) -> Iterator[PartCounts | str
             yield part
 
 
-def _engine(execution: Execution) -> Engine:
+def sweep_engine(execution: Execution) -> Engine:
+    """What counts the parts of a sweep; an `InputError` for devices that are not there."""
     if execution.scheduler is not None:
         from pl_mc.engine.dask_adapter import dask_engine
 

@@ -1,4 +1,4 @@
-"""What decides the counts of a sweep, in a form that can be stored, compared and told."""
+"""What decides the counts of a task, in a form that can be stored, compared and told."""
 
 from __future__ import annotations
 
@@ -12,10 +12,8 @@ from typing import Any
 import jax
 import numpy as np
 
-from pl_mc.engine import plan as cut
 from pl_mc.engine.compiling import compiler_options, instruction_set
-from pl_mc.engine.noise import LANES
-from pl_mc.engine.task import SweepTask
+from pl_mc.engine.part_task import Task
 from pl_mc.noise_models import GAUSSIAN
 
 Identity = Mapping[str, Mapping[str, Any]]
@@ -27,25 +25,9 @@ ASKED, WHERE = "experiment", "environment"
 _UNSAID = {"noise": repr(GAUSSIAN)}
 
 
-def identity_of(task: SweepTask) -> Identity:
-    """Two sweeps with the same identity give the same counts."""
-    g = task.geometry.as_series()
-    asked = {
-        "geometry": _digest(g.design, g.sigma_m, g.in_view, g.satellite, g.epoch, g.names),
-        "faults": _digest(task.faults.bias_m, task.faults.names, task.faults.labels),
-        "draws": task.draws,
-        "seed": task.seed,
-        "methods": [repr(method) for method in task.methods],
-        "vertical alert limit [m]": float(task.alert.vertical_m),
-        "precision": task.precision,
-        "draws per block": LANES,
-        "scenarios per call": cut.SCENARIOS_PER_CALL,
-        "calls per part": task.plan.calls_per_part,
-    }
-    # What Gaussian sweeps have stored stays theirs: they say nothing of a noise model.
-    if task.noise != GAUSSIAN:
-        asked["noise"] = repr(task.noise)
-    return {ASKED: asked, WHERE: environment()}
+def identity_of(task: Task[Any]) -> Identity:
+    """Two tasks with the same identity give the same counts."""
+    return {ASKED: task.asked(), WHERE: environment()}
 
 
 def environment() -> dict[str, Any]:
@@ -80,16 +62,17 @@ def differences(before: Identity, now: Identity, sections: Sequence[str] = (ASKE
     return found
 
 
-def _compiler_flags() -> list[str]:
-    """What the caller told the compiler, but for the number of devices, which moves no bit."""
-    flags = os.environ.get("XLA_FLAGS", "").split()
-    return sorted(flag for flag in flags if not flag.startswith("--xla_force_host_platform_device_count"))
-
-
-def _digest(*parts: Any) -> str:
+def digest(*parts: Any) -> str:
+    """A short name of arrays, or of what makes them: types, shapes and every bit."""
     total = hashlib.sha256()
     for part in parts:
         array = np.asarray(part)
         total.update(f"{array.dtype.str}{array.shape}".encode())
         total.update(np.ascontiguousarray(array).tobytes())
     return total.hexdigest()
+
+
+def _compiler_flags() -> list[str]:
+    """What the caller told the compiler, but for the number of devices, which moves no bit."""
+    flags = os.environ.get("XLA_FLAGS", "").split()
+    return sorted(flag for flag in flags if not flag.startswith("--xla_force_host_platform_device_count"))

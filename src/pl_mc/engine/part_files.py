@@ -1,9 +1,8 @@
-"""Parts of a sweep as Parquet files, written so that a process killed at any moment leaves whole files only.
+"""Parts of a task as Parquet files, written so that a process killed at any moment leaves whole files only.
 
-The rows are what a user reads (epoch, fault, method, draws, counts). The file's metadata carry the part's number,
-the sweep, the environment that counted it, and a checksum of all bytes of the file, so that each file speaks for
-itself: files can be gathered from several folders, and one of another sweep or with a changed byte is known before
-it is used.
+The rows are the task's affair (`pl_mc.engine.part_task`). The file's metadata carry the part's number, the task,
+the environment that counted it, and a checksum of all bytes of the file, so that each file speaks for itself: files
+can be gathered from several folders, and one of another task or with a changed byte is known before it is used.
 """
 
 from __future__ import annotations
@@ -16,24 +15,17 @@ import re
 import secrets
 from collections.abc import Collection, Iterator, Mapping
 from pathlib import Path
-from typing import Any
+from typing import Any, Generic
 
-import numpy as np
 import pandas as pd
 import pyarrow as pa
 import pyarrow.parquet as pq
-from numpy.typing import NDArray
 
-from pl_mc.engine.events import EVENTS
 from pl_mc.engine.identity import ASKED, WHERE, Identity, differences, identity_of, mark
-from pl_mc.engine.task import PartCounts, SweepTask
+from pl_mc.engine.part_task import P, Task
 from pl_mc.input_errors import InputError
 
-# Readers of a folder of Parquet files leave out what begins with an underscore or a dot.
-IDENTITY_FILE = "_sweep.json"
-
 _KEY = b"pl_mc"
-_COUNTS = [event.count for event in EVENTS]
 
 # The checksum in a file is that of its bytes with zeros in the checksum's place.
 _NO_CHECKSUM = "0" * 64
@@ -44,12 +36,12 @@ class BadPart(Exception):
     """A part file that cannot be used; the message says why."""
 
 
-class PartStore:
-    """A folder of part files that belong to one sweep.
+class PartStore(Generic[P]):
+    """A folder of part files that belong to one task.
 
     Args:
         folder: made when the first file is written.
-        task: the sweep.
+        task: what is counted.
         numbers: the parts that are this process's to write; all of them unless given.
         resume: go on with what the folder holds; otherwise it may hold none of ``numbers``.
         any_machine: whether parts of other versions or machines are welcome.
@@ -58,13 +50,13 @@ class PartStore:
         elsewhere: environments, other than this one, of parts that were read.
 
     Raises:
-        InputError: the folder holds parts of another sweep, or parts where none are expected.
+        InputError: the folder holds parts of another task, or parts where none are expected.
     """
 
     def __init__(
         self,
         folder: Path,
-        task: SweepTask,
+        task: Task[P],
         *,
         numbers: Collection[int] | None = None,
         resume: bool,
@@ -77,7 +69,7 @@ class PartStore:
         self._asked = mark(self.identity[ASKED])
         self._any_machine = any_machine
         self._shared = numbers is not None
-        self._mine = range(task.plan.part_count) if numbers is None else numbers
+        self._mine = range(task.part_count) if numbers is None else numbers
         stored = self.stored()
         mine = stored if numbers is None else [number for number in stored if number in set(numbers)]
         if mine and not resume:
@@ -85,34 +77,44 @@ class PartStore:
                 f"{folder}: {len(mine)} finished parts of an earlier run are here; resume it, or remove the folder "
                 "to start anew."
             )
-        place = folder / IDENTITY_FILE
-        if stored and place.is_file():
-            before = _read_identity(place)
+        self._record = folder / task.kind.record
+        if stored and self._record.is_file():
+            before = self._read_record()
             # Several machines may share a folder for their shares, or their parts may have been gathered in one.
             sections = (ASKED,) if any_machine or self._shared else (ASKED, WHERE)
             if changed := differences(before, self.identity, sections):
                 raise InputError(
-                    f"{folder}: the parts here belong to another sweep, which cannot be resumed "
+                    f"{folder}: the parts here belong to another {task.kind.name}, which cannot be resumed "
                     f"({'; '.join(changed)}); remove the folder to start anew."
                 )
 
     def begin(self) -> None:
-        """Make the folder ready to be written: name the sweep, remove what killed processes left half written.
+        """Make the folder ready to be written: name the task, remove what killed processes left half written.
 
         Raises:
             InputError: it cannot be written.
         """
-        place = self.folder / IDENTITY_FILE
-        with _told(place):
+        with _told(self._record):
             self.folder.mkdir(parents=True, exist_ok=True)
             for path in self.folder.glob(".*"):
                 if self._is_leftover(path.name):
                     path.unlink(missing_ok=True)
-            if not self.stored() or not place.is_file():
-                write_whole(place, (json.dumps(self.identity, indent=2) + "\n").encode())
+            if not self.stored() or not self._record.is_file():
+                write_whole(self._record, (json.dumps(self.identity, indent=2) + "\n").encode())
+
+    def _read_record(self) -> Identity:
+        what = f"record of a {self.task.kind.name}"
+        try:
+            found = json.loads(self._record.read_text(encoding="utf-8"))
+            if not isinstance(found, dict) or not all(isinstance(section, dict) for section in found.values()):
+                raise ValueError(f"it is no {what}")
+        except (OSError, ValueError) as error:
+            reason = " ".join(str(error).split())
+            raise InputError(f"{self._record}: this {what} cannot be read ({reason}); remove the folder.") from None
+        return found
 
     def _is_leftover(self, name: str) -> bool:
-        if name.startswith(f".{IDENTITY_FILE}."):
+        if name.startswith(f".{self._record.name}."):
             # Another share may be about to write it.
             return not self._shared
         found = re.match(r"\.part-(\d+)\.parquet\.", name)
@@ -126,7 +128,7 @@ class PartStore:
         """Numbers of the part files that are there, read or not."""
         return [number for number, _ in _part_files(self.folder)]
 
-    def write(self, part: PartCounts) -> None:
+    def write(self, part: P) -> None:
         """Store a part.
 
         Raises:
@@ -138,7 +140,7 @@ class PartStore:
             "environment": self.identity[WHERE],
             "sha256": _NO_CHECKSUM,
         }
-        table = pa.Table.from_pandas(part_rows(self.task, part), preserve_index=False)
+        table = self.task.part_rows(part)
         sink = pa.BufferOutputStream()
         with pq.ParquetWriter(sink, table.schema, compression="zstd") as writer:
             writer.write_table(table)
@@ -146,11 +148,11 @@ class PartStore:
         with _told(self.place(part.number)):
             write_whole(self.place(part.number), _with_checksum(sink.getvalue().to_pybytes()))
 
-    def read(self, number: int) -> PartCounts:
+    def read(self, number: int) -> P:
         """A stored part.
 
         Raises:
-            BadPart: the file is not what was written, or it is of another sweep.
+            BadPart: the file is not what was written, or it is of another task.
         """
         place = self.place(number)
         try:
@@ -165,13 +167,13 @@ class PartStore:
             about = json.loads(file.metadata.metadata[_KEY])
             held, experiment, where = about["part"], about["experiment"], about["environment"]
             if experiment != self._asked:
-                raise BadPart(f"{place}: a part of another sweep")
+                raise BadPart(f"{place}: a part of another {self.task.kind.name}")
             if held != number:
                 raise BadPart(f"{place}: it holds part {held}")
             if where != self.identity[WHERE] and not self._any_machine:
                 changed = differences({WHERE: where}, self.identity, (WHERE,))
                 raise BadPart(f"{place}: counted in another environment ({'; '.join(changed)})")
-            part = _counts_of(self.task, number, file.read().to_pandas())
+            part = self.task.part_of(number, file.read())
         except (pa.ArrowException, KeyError, TypeError, ValueError) as error:
             raise BadPart(f"{place}: not a part as this version writes it ({type(error).__name__})") from None
         if where != self.identity[WHERE] and where not in self.elsewhere:
@@ -183,35 +185,15 @@ class PartStore:
         return [
             f"{self.folder}: parts were counted in another environment "
             f"({'; '.join(differences({WHERE: where}, self.identity, (WHERE,)))}), where a single scenario at the "
-            "edge of an event can count otherwise."
+            f"edge of {self.task.kind.edge} can count otherwise."
             for where in self.elsewhere
         ]
 
 
 def read_rows(folder: Path) -> Iterator[pd.DataFrame]:
-    """The rows of each part file of a folder, in order: epoch, fault, bias_m, method, draws and the counts."""
+    """The rows of each part file of a folder, in order of the parts."""
     for _, path in _part_files(folder):
         yield pd.read_parquet(path)
-
-
-def part_rows(task: SweepTask, part: PartCounts) -> pd.DataFrame:
-    """A part as a table, one row for each epoch, fault and method."""
-    plan = task.plan
-    place, slot = _rows(task, part.places)
-    fault = plan.fault_index[part.places[place], slot]
-    names = [method.name for method in task.methods]
-    repeat = len(names)
-    columns: dict[str, object] = {
-        "epoch": np.repeat(plan.geometry.epoch[plan.epochs[part.places[place]]], repeat),
-        "fault": pd.Categorical.from_codes(np.repeat(fault, repeat), list(task.faults.labels))
-        if len(set(task.faults.labels)) == len(task.faults)
-        else np.repeat(np.array(task.faults.labels, dtype=object)[fault], repeat),
-        "bias_m": np.repeat(task.faults.scalar_bias_m[fault], repeat),
-        "method": pd.Categorical.from_codes(np.tile(np.arange(repeat), len(place)), names),
-        "draws": np.repeat(part.draws[place], repeat),
-    }
-    flat = part.counts[place, slot].reshape(len(place) * repeat, len(EVENTS))
-    return pd.DataFrame(columns | {name: flat[:, k] for k, name in enumerate(_COUNTS)})
 
 
 def write_whole(place: Path, content: bytes) -> None:
@@ -249,39 +231,6 @@ def is_whole(content: bytes) -> bool:
     start, stop = found[0].span(1)
     blank = content[:start] + _NO_CHECKSUM.encode() + content[stop:]
     return hashlib.sha256(blank).hexdigest().encode() == found[0][1]
-
-
-def _counts_of(task: SweepTask, number: int, rows: pd.DataFrame) -> PartCounts:
-    """The arrays behind the rows of a part."""
-    chunks = list(task.plan.chunks(number))
-    if not chunks:
-        raise ValueError("the sweep has no part of that number")
-    places = np.arange(chunks[0].first_epoch, chunks[-1].stop_epoch)
-    place, slot = _rows(task, places)
-    shape = (len(places), task.plan.fault_index.shape[1], len(task.methods), len(EVENTS))
-    flat = rows[_COUNTS].to_numpy(np.int64).reshape(len(place), len(task.methods), len(EVENTS))
-    counts = np.zeros(shape, dtype=np.int64)
-    counts[place, slot] = flat
-    draws = np.zeros(len(places), dtype=np.int64)
-    draws[place] = rows["draws"].to_numpy(np.int64)[:: len(task.methods)]
-    return PartCounts(number, places, draws, counts)
-
-
-def _rows(task: SweepTask, places: NDArray[np.int64]) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
-    """Index into the part's epochs, and slot, of each fault that applies."""
-    place, slot = np.nonzero(task.plan.fault_index[places] >= 0)
-    return place, slot
-
-
-def _read_identity(place: Path) -> Identity:
-    try:
-        found = json.loads(place.read_text(encoding="utf-8"))
-        if not isinstance(found, dict) or not all(isinstance(section, dict) for section in found.values()):
-            raise ValueError("it is no record of a sweep")
-    except (OSError, ValueError) as error:
-        reason = " ".join(str(error).split())
-        raise InputError(f"{place}: this record of a sweep cannot be read ({reason}); remove the folder.") from None
-    return found
 
 
 @contextlib.contextmanager

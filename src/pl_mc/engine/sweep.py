@@ -3,13 +3,14 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from functools import partial
 from pathlib import Path
 
 import pandas as pd
 
 from pl_mc.alert import LPV_200, AlertLimits
 from pl_mc.engine.checks import LARGEST_DRAWS, LARGEST_SEED, notes_on_faults, require_inputs
-from pl_mc.engine.execution import Execution, run_task
+from pl_mc.engine.execution import Execution, run_task, sweep_engine
 from pl_mc.engine.table import epoch_table, fault_table
 from pl_mc.engine.task import SweepTask
 from pl_mc.engine.totals import EpochTotals, FaultTotals
@@ -120,7 +121,7 @@ def run_sweep(
     notes = list(notes_on_faults(g, faults))
     if execution.shard is not None:
         notes.append("Shard {} of {}: the counts of its share alone.".format(*execution.shard))
-    for found in run_task(task, execution):
+    for found in run_task(task, execution, partial(sweep_engine(execution), task)):
         if isinstance(found, str):
             notes.append(found)
         else:

@@ -1,19 +1,28 @@
-"""A sweep as one record: everything that decides its counts, nothing of how or where it runs."""
+"""A sweep as one record: everything that decides its counts, nothing of how or where it runs.
+
+The rows of a stored part are what a user reads: epoch, fault, method, draws and counts.
+"""
 
 from __future__ import annotations
 
 import functools
-from collections.abc import Callable, Generator, Iterable
+from collections.abc import Callable, Generator, Iterable, Sequence
 from dataclasses import dataclass
+from typing import Any, ClassVar
 
 import jax.numpy as jnp
 import numpy as np
+import pandas as pd
+import pyarrow as pa
 from numpy.typing import NDArray
 
 from pl_mc.alert import AlertLimits
+from pl_mc.engine import plan as cut
 from pl_mc.engine.compiling import compiled_count
 from pl_mc.engine.events import EVENTS
+from pl_mc.engine.identity import digest
 from pl_mc.engine.noise import LANES
+from pl_mc.engine.part_task import Kind
 from pl_mc.engine.plan import Chunk, Plan, make_plan
 from pl_mc.faults import Faults
 from pl_mc.geometry.record import Geometry
@@ -21,6 +30,8 @@ from pl_mc.host.precision import dtype_of, precision_scope
 from pl_mc.host.threads import in_order
 from pl_mc.methods.base import Method
 from pl_mc.noise_models import GAUSSIAN, NoiseModel
+
+_COUNTS = [event.count for event in EVENTS]
 
 # Shapes whose function this process has compiled: their first call need not run alone.
 _COMPILED: set[tuple[object, ...]] = set()
@@ -47,6 +58,8 @@ class PartCounts:
 class SweepTask:
     """A sweep, checked and ready to run; it can be sent to another process."""
 
+    kind: ClassVar = Kind("sweep", record="_sweep.json", edge="an event", unit="scenarios")
+
     geometry: Geometry
     faults: Faults
     draws: int
@@ -60,6 +73,34 @@ class SweepTask:
     def plan(self) -> Plan:
         """How it is cut."""
         return make_plan(self.geometry, self.faults, self.draws)
+
+    @property
+    def part_count(self) -> int:
+        """Number of parts."""
+        return self.plan.part_count
+
+    def asked(self) -> dict[str, Any]:
+        """What decides the counts, in a form that can be stored and compared."""
+        g = self.geometry.as_series()
+        asked = {
+            "geometry": digest(g.design, g.sigma_m, g.in_view, g.satellite, g.epoch, g.names),
+            "faults": digest(self.faults.bias_m, self.faults.names, self.faults.labels),
+            "draws": self.draws,
+            "seed": self.seed,
+            "methods": [repr(method) for method in self.methods],
+            "vertical alert limit [m]": float(self.alert.vertical_m),
+            "precision": self.precision,
+            "draws per block": LANES,
+            "scenarios per call": cut.SCENARIOS_PER_CALL,
+            "calls per part": self.plan.calls_per_part,
+        }
+        # What Gaussian sweeps have stored stays theirs: they say nothing of a noise model.
+        return asked if self.noise == GAUSSIAN else asked | {"noise": repr(self.noise)}
+
+    def work_of(self, numbers: Sequence[int]) -> tuple[int, float]:
+        """Calls that parts take, and scenarios of a call on average: cases of fault and noise, by all methods."""
+        cases = [self.plan.cases_of(chunk) for number in numbers for chunk in self.plan.chunks(number)]
+        return len(cases), sum(cases) / len(cases)
 
     def count(self, chunk: Chunk, devices: int = 1) -> NDArray[np.int32]:
         """(e, width, methods, events), the counts of one call."""
@@ -113,6 +154,50 @@ class SweepTask:
         if current is not None:
             yield self._gather(current, found)
 
+    def part_rows(self, part: PartCounts) -> pa.Table:
+        """A part as a table, one row for each epoch, fault and method."""
+        plan, labels = self.plan, self.faults.labels
+        place, slot = self._cases(part.places)
+        fault = plan.fault_index[part.places[place], slot]
+        names = [method.name for method in self.methods]
+        repeat = len(names)
+        columns: dict[str, object] = {
+            "epoch": np.repeat(plan.geometry.epoch[plan.epochs[part.places[place]]], repeat),
+            "fault": pd.Categorical.from_codes(np.repeat(fault, repeat), list(labels))
+            if len(set(labels)) == len(labels)
+            else np.repeat(np.array(labels, dtype=object)[fault], repeat),
+            "bias_m": np.repeat(self.faults.scalar_bias_m[fault], repeat),
+            "method": pd.Categorical.from_codes(np.tile(np.arange(repeat), len(place)), names),
+            "draws": np.repeat(part.draws[place], repeat),
+        }
+        flat = part.counts[place, slot].reshape(len(place) * repeat, len(EVENTS))
+        table = pd.DataFrame(columns | {name: flat[:, k] for k, name in enumerate(_COUNTS)})
+        return pa.Table.from_pandas(table, preserve_index=False)
+
+    def part_of(self, number: int, rows: pa.Table) -> PartCounts:
+        """The part behind its rows; a `KeyError`, `TypeError` or `ValueError` where they are not those of one."""
+        chunks = list(self.plan.chunks(number))
+        if not chunks:
+            raise ValueError("the sweep has no part of that number")
+        places = np.arange(chunks[0].first_epoch, chunks[-1].stop_epoch)
+        place, slot = self._cases(places)
+        table = rows.to_pandas()
+        flat = table[_COUNTS].to_numpy(np.int64).reshape(len(place), len(self.methods), len(EVENTS))
+        draws, counts = self._nothing(len(places))
+        counts[place, slot] = flat
+        draws[place] = table["draws"].to_numpy(np.int64)[:: len(self.methods)]
+        return PartCounts(number, places, draws, counts)
+
+    def _cases(self, places: NDArray[np.int64]) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
+        """Index into a part's epochs, and slot, of each fault that applies."""
+        place, slot = np.nonzero(self.plan.fault_index[places] >= 0)
+        return place, slot
+
+    def _nothing(self, epochs: int) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
+        """Draws and counts of a part's epochs before anything is counted."""
+        shape = (epochs, self.plan.fault_index.shape[1], len(self.methods), len(EVENTS))
+        return np.zeros(epochs, dtype=np.int64), np.zeros(shape, dtype=np.int64)
+
     def _shape(self, devices: int) -> tuple[object, ...]:
         """What the compiled function depends on."""
         g, plan = self.plan.geometry, self.plan
@@ -121,9 +206,7 @@ class SweepTask:
 
     def _gather(self, number: int, found: list[tuple[Chunk, NDArray[np.int32]]]) -> PartCounts:
         first, stop = found[0][0].first_epoch, found[-1][0].stop_epoch
-        draws = np.zeros(stop - first, dtype=np.int64)
-        shape = (stop - first, self.plan.fault_index.shape[1], len(self.methods), len(EVENTS))
-        total = np.zeros(shape, dtype=np.int64)
+        draws, total = self._nothing(stop - first)
         for chunk, counts in found:
             rows = slice(chunk.first_epoch - first, chunk.stop_epoch - first)
             draws[rows] += self.plan.draws_of(chunk)

@@ -10,7 +10,7 @@ from pl_mc.error_models.base import ErrorModel
 from pl_mc.error_models.constant import constant
 from pl_mc.error_models.equation3 import none, residual, user
 from pl_mc.error_models.uire import uire
-from pl_mc.input_errors import InputError, require_choice
+from pl_mc.input_errors import InputError, require_choice, shown
 
 DEFAULT_ERROR_MODEL = "residual"
 
@@ -47,7 +47,7 @@ def as_error_model(value: str | ErrorModel) -> ErrorModel:
         return error_model(value)
     if not isinstance(value, ErrorModel):
         raise InputError(
-            f"error model: {value!r} is none; a name ({', '.join(ERROR_MODELS)}) or an object with name, "
+            f"error model: {shown(value)} is none; a name ({', '.join(ERROR_MODELS)}) or an object with name, "
             "sigma_m(sky) and describe() is needed."
         )
     return value

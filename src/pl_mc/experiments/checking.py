@@ -195,6 +195,8 @@ def _further_problems(content: Mapping[str, Any]) -> Iterator[FieldProblem]:
 
 
 def _record(content: Mapping[str, Any]) -> Experiment | None:
+    if field_problems(content):
+        return None
     try:
         return KINDS[content["kind"]].model.model_validate(content)
     except ValidationError:

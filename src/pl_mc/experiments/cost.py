@@ -5,7 +5,6 @@ Times come from rates that were measured once, on two cores of an AMD EPYC, or a
 
 from __future__ import annotations
 
-import math
 import time
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
@@ -24,6 +23,7 @@ from pl_mc.host.threads import cores
 from pl_mc.methods import Method
 from pl_mc.service.grid import world_grid
 from pl_mc.service.levels import levels_from_geometry
+from pl_mc.service.volume import require_epochs
 
 # Scenarios a second of one core, method by method, for 16 satellites in double precision: processor time of
 # sweeps of 256,000 scenarios. Methods that are not here are taken as the slowest that is.
@@ -49,9 +49,10 @@ UNITS_PER_S = {
     "readings": 3.1e4,
     "risk": 0.25,
     "series": 1.05e5,
-    "service": 1.1e5,
+    "service": 4.8e5,
     "stanford": 3.4e5,
     "time-ramps": 2.0e6,
+    "tuning": 6.0e5,
 }
 
 # Of the kind noise, besides its sweeps: exposures as timed alone, rare events by what they leave of the seconds in
@@ -102,10 +103,9 @@ def cost_of(experiment: Experiment, *, measure: bool = False) -> Cost:
         InputError: what only its geometry or faults can tell is wrong with it.
     """
     kind = str(experiment.kind)  # type: ignore[attr-defined]
-    sweeps = KINDS[kind].sweeps
-    if sweeps is not None:
+    sweeps, count = KINDS[kind].sweeps, _COUNTS.get(kind)
+    if sweeps is not None and count is None:
         return _cost_of_sweeps(experiment, sweeps(experiment), measure=measure)
-    count = _COUNTS.get(kind)
     if count is None:
         return Cost(None, None, None, "no rate is known for this kind")
     scenarios, units = count(experiment)
@@ -224,7 +224,7 @@ def _time_ramps(experiment: Any) -> tuple[int | None, float]:
 
 def _service(experiment: Any) -> tuple[int, float]:
     """Solutions at all sites and epochs; one draw tells all of a method whose levels depend on geometry alone."""
-    epochs = max(1, math.ceil(experiment.duration_s / experiment.step_s - 1e-9))
+    epochs = require_epochs(experiment.duration_s, experiment.step_s)
     draws = sum(1 if levels_from_geometry(one) else experiment.draws for one in experiment.method_records())
     scenarios = len(world_grid(experiment.step_deg)) * epochs * draws
     return scenarios, float(scenarios)
@@ -242,6 +242,18 @@ def _risk(experiment: Any) -> tuple[int | None, float]:
     return None, float(number)
 
 
+def _tuning(experiment: Any) -> tuple[int | None, float]:
+    """Scenarios of proposals, descents and judgements; rare targets take about half of what they may."""
+    faults, number = len(experiment.faults), 0.0
+    for target in experiment.targets:
+        proposals = 4 * faults * 450_000
+        descents = 4 * 15 * 4 * (faults + 1) * experiment.search_draws
+        counted = target * experiment.draws >= 20
+        judged = 4 * faults * (experiment.draws if counted else experiment.max_evaluations / 2)
+        number += len(experiment.objectives) * (proposals + descents + judged)
+    return None, number
+
+
 _COUNTS: dict[str, Callable[[Any], tuple[int | None, float]]] = {
     "guo": _guo,
     "readings": _readings,
@@ -250,6 +262,7 @@ _COUNTS: dict[str, Callable[[Any], tuple[int | None, float]]] = {
     "service": _service,
     "stanford": _stanford,
     "time-ramps": _time_ramps,
+    "tuning": _tuning,
 }
 
 

@@ -5,7 +5,6 @@ Each function yields fields and acts; an act that raises an `InputError` says th
 
 from __future__ import annotations
 
-import math
 from collections.abc import Callable, Iterator
 from functools import partial
 from typing import Any
@@ -18,7 +17,7 @@ from pl_mc.input_errors import InputError, require_choice
 from pl_mc.integrity_risk.exposure import samples_of
 from pl_mc.service.continuity import as_durations
 from pl_mc.service.grid import world_grid
-from pl_mc.service.volume import as_operations
+from pl_mc.service.volume import MOST_EPOCHS, as_operations, epoch_count, require_epochs
 from pl_mc.time_ramps.timing import require_calibration, require_onset
 
 Act = Callable[[], object]
@@ -92,8 +91,10 @@ def _time_ramps(record: Any, g: Geometry | None) -> Iterator[tuple[str, Act]]:
 def _service(record: Any, g: Geometry | None) -> Iterator[tuple[str, Act]]:
     yield "operations", lambda: as_operations(record.operations)
     yield "step_deg", lambda: world_grid(record.step_deg)
-    epochs = max(1, math.ceil(record.duration_s / record.step_s - 1e-9))
-    yield "durations_s", lambda: as_durations(record.durations_s, step_s=record.step_s, epochs=epochs)
+    yield "step_s", lambda: require_epochs(record.duration_s, record.step_s)
+    epochs = epoch_count(record.duration_s, record.step_s)
+    if epochs <= MOST_EPOCHS:
+        yield "durations_s", lambda: as_durations(record.durations_s, step_s=record.step_s, epochs=epochs)
     yield "error_model", record.model
     # Fields one by one, so that one that is wrong hides no other.
     yield "site", lambda: simulate(site=record.site, epochs=1)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import math
 import tomllib
 import types
 import typing
@@ -16,6 +17,7 @@ from pydantic import BaseModel, ValidationError
 from pl_mc.experiments.common import Experiment
 from pl_mc.experiments.registry import KINDS
 from pl_mc.input_errors import InputError, nearest
+from pl_mc.report.run_folder import flat_fields
 
 # A wheel carries the files inside the package; in a checkout they are at the top.
 _FOLDERS = (Path(__file__).parent / "files", Path(__file__).parents[3] / "experiments")
@@ -98,14 +100,21 @@ def build_experiment(content: Mapping[str, Any], *, source: str) -> Experiment:
 def field_problems(content: Mapping[str, Any]) -> list[FieldProblem]:
     """Every field that its record refuses, as far as the record alone can tell."""
     kind = content.get("kind")
-    if kind not in KINDS:
+    if not isinstance(kind, str) or kind not in KINDS:
         return [FieldProblem("kind", f"{kind!r} is unknown ({nearest(str(kind), KINDS)}).")]
     model = KINDS[kind].model
+    problems = [
+        FieldProblem(path, f"a finite number is needed, not {value}.")
+        for path, value in flat_fields(content).items()
+        for one in (value if isinstance(value, list | tuple) else (value,))
+        if isinstance(one, float) and not math.isfinite(one)
+    ]
     try:
         model.model_validate(content)
     except ValidationError as error:
-        return [_problem(model, item) for item in error.errors()]
-    return []
+        named = {one.field for one in problems}
+        problems += [one for item in error.errors() if (one := _problem(model, item)).field not in named]
+    return problems
 
 
 def _from_toml(path: Path, text: str) -> dict[str, Any]:
@@ -125,12 +134,15 @@ def _from_manifest(path: Path, text: str) -> tuple[str, dict[str, Any]]:
 
 def _problem(model: type[BaseModel], error: Mapping[str, Any]) -> FieldProblem:
     # Capitalised parts are the forms that a field may take, not names in the file.
-    names = [str(part) for part in error["loc"] if not str(part)[:1].isupper()]
+    names = [str(part) for part in error["loc"][:-1] if not str(part)[:1].isupper()]
+    last = str(error["loc"][-1]) if error["loc"] else ""
+    if error["type"] == "extra_forbidden" or not last[:1].isupper():
+        names.append(last)
     field = ".".join(names)
     if error["type"] == "extra_forbidden":
         owners = _models_at(model, names[:-1])
         valid = [name for owner in owners for name in owner.model_fields]
-        return FieldProblem(field, f"there is no such field ({nearest(names[-1], valid)}).")
+        return FieldProblem(field, f"there is no such field ({nearest(str(error['loc'][-1]), valid)}).")
     message = error["msg"].removeprefix("Value error, ").rstrip(".")
     given = "" if error["type"] == "missing" else f", not {error['input']!r}"
     return FieldProblem(field, f"{message[:1].lower()}{message[1:]}{given}.")

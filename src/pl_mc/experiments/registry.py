@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass
+from typing import Any
 
 from pl_mc.experiments import (
     compare_run,
@@ -19,10 +20,10 @@ from pl_mc.experiments import (
     stanford_run,
     sweep_run,
     time_ramps_run,
+    tuning_run,
     variants_run,
 )
 from pl_mc.experiments.common import Experiment
-from pl_mc.experiments.sweeps import PlannedSweep
 
 
 @dataclass(frozen=True)
@@ -33,11 +34,12 @@ class Kind:
         model: the record of its file.
         run: ``run(experiment, folder, execution=...)`` writes the results and returns a summary and notes.
         sweeps: ``sweeps(experiment)``, the sweeps that it runs, of kinds that can be resumed and shared; else None.
+            Of a service volume it is what is cut into parts there in the same way.
     """
 
     model: type[Experiment]
     run: Callable[..., tuple[str, tuple[str, ...]]]
-    sweeps: Callable[..., tuple[PlannedSweep, ...]] | None = None
+    sweeps: Callable[..., tuple[Any, ...]] | None = None
 
 
 KINDS: dict[str, Kind] = {
@@ -55,6 +57,7 @@ KINDS: dict[str, Kind] = {
     "stanford": Kind(stanford_run.StanfordExperiment, stanford_run.run),
     "variants": Kind(variants_run.VariantsExperiment, variants_run.run, variants_run.sweeps),
     "time-ramps": Kind(time_ramps_run.TimeRampsExperiment, time_ramps_run.run),
+    "tuning": Kind(tuning_run.TuningExperiment, tuning_run.run),
     "series": Kind(series_run.SeriesExperiment, series_run.run),
-    "service": Kind(service_run.ServiceExperiment, service_run.run),
+    "service": Kind(service_run.ServiceExperiment, service_run.run, service_run.sweeps),
 }

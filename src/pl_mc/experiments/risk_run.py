@@ -56,6 +56,8 @@ class WorstChoice(Strict):
         events: for which it is computed by least squares.
         estimated: satellites for which it is searched for by estimates; ``["all"]`` for every one in view.
         estimated_events: for which.
+        refined: for each of these, how many satellites, the worst first, get a last estimate with noise of its own;
+            all unless given.
         pair_events: for which the worst pairs of satellites are searched for, of least squares and of the others.
         target_cov, max_evaluations: of the last estimates.
     """
@@ -63,6 +65,7 @@ class WorstChoice(Strict):
     events: Annotated[tuple[EventName, ...], Field(min_length=1)] = ("misleading", "missed")
     estimated: tuple[str, ...] = ()
     estimated_events: tuple[EventName, ...] = ("misleading",)
+    refined: tuple[Annotated[int, Field(ge=1)], ...] = ()
     pair_events: tuple[EventName, ...] = ()
     target_cov: float = Field(default=0.1, gt=0, lt=1)
     max_evaluations: int = Field(default=2_000_000, ge=500_000)
@@ -168,6 +171,11 @@ def run(experiment: RiskExperiment, folder: Path, *, execution: Execution) -> tu
     estimated = g.names if worst.estimated == ("all",) else worst.estimated
     for name in estimated:
         require_satellite(g, name)
+    if worst.refined and len(worst.refined) != len(worst.estimated_events):
+        raise InputError(
+            f"worst.refined: one number for each of the {len(worst.estimated_events)} events of estimated_events, "
+            f"or none at all, is needed, not {len(worst.refined)}."
+        )
     budgets = [choice.case({one.name: one for one in methods}) for choice in experiment.budgets]
     made = [biases(g, one) if one else no_fault(g) for one in calibration.faults]
     case = CalibrationCase(
@@ -182,9 +190,7 @@ def run(experiment: RiskExperiment, folder: Path, *, execution: Execution) -> tu
     multipliers, multiplier_curves = calibration_table(g, case, **calibrated, workers=workers)
     tables = RiskTables(
         curves=curve_table(g, **curves.model_dump(), **common, workers=workers, progress=execution.progress),
-        worst=worst_table(
-            g, **(worst.model_dump(exclude={"pair_events"}) | {"estimated": estimated}), **common, workers=workers
-        ),
+        worst=worst_table(g, **(worst.model_dump(exclude={"pair_events"}) | {"estimated": estimated}), **common),
         budgets=budget_table(g, budgets, alert=alert, seed=seed),
         calibration=multipliers,
         multiplier_curves=multiplier_curves,

@@ -88,36 +88,37 @@ def worst_table(
     events: Sequence[str],
     estimated: Sequence[str],
     estimated_events: Sequence[str],
+    refined: Sequence[int],
     target_cov: float,
     max_evaluations: int,
     methods: Sequence[Method],
     alert: AlertLimits,
     seed: int,
-    workers: int | None = None,
 ) -> pd.DataFrame:
     """The worst fault of every satellite under least squares, of chosen ones under other methods.
 
+    Of the latter ``refined`` of the worst satellites get a last estimate, for each event; all unless given.
+
     Returns:
-        The columns of `worst_case`, with ``event``; one row per method, event and satellite.
+        The columns of `worst_case`, with ``event``; one row per method, event and satellite. ``evaluations`` is the
+        number of scenarios behind all rows of a method and event; 0 where these are exact.
     """
-    tasks: list[tuple[Method, str, str | None]] = []
+    found = []
     for method in methods:
-        if isinstance(method, Ls):
-            tasks += [(method, event, None) for event in events]
-        else:
-            # One satellite at a time, so that every one gets its last estimate.
-            tasks += [(method, event, name) for event in estimated_events for name in estimated]
-
-    def run(task: tuple[Method, str, str | None]) -> pd.DataFrame:
-        method, event, name = task
-        options: dict[str, Any] = {"method": method, "event": event, "alert": alert, "seed": seed}
-        if name is not None:
-            options |= {"satellites": [name], "target_cov": target_cov, "max_evaluations": max_evaluations}
-        return worst_case(g, **options).assign(event=event)
-
-    threads = cores() if workers is None else workers
-    found = [table for _, table in in_order(run, tasks, threads)]
+        for k, event in enumerate(events if isinstance(method, Ls) else estimated_events):
+            options: dict[str, Any] = {"method": method, "event": event, "alert": alert, "seed": seed}
+            if not isinstance(method, Ls):
+                if not estimated:
+                    continue
+                options |= {"satellites": list(estimated), "refine": refined[k] if refined else len(estimated)}
+                options |= {"target_cov": target_cov, "max_evaluations": max_evaluations}
+            part = worst_case(g, **options).assign(event=event)
+            part["evaluations"] = sum(part.attrs.pop("evaluations", {}).values())
+            found.append(part)
     table = pd.concat([part.dropna(axis=1, how="all") for part in found], ignore_index=True)
+    for name in ("subset_probability", "subset_standard_error"):
+        if "refined" in table and name not in table:
+            table[name] = np.nan
     if "warning" not in table:
         table["warning"] = ""
     table["warning"] = table["warning"].fillna("")

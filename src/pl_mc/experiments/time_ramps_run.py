@@ -15,12 +15,16 @@ from pl_mc.experiments.output import write_table
 from pl_mc.geometry import Geometry, redundancy_numbers
 from pl_mc.host.progress import with_progress
 from pl_mc.input_errors import InputError
+from pl_mc.methods import Igg3
 from pl_mc.report.figures import save_figure
 from pl_mc.report.time_ramps_figures import alert_figure, late_figure
 from pl_mc.report.time_ramps_text import comparable, time_ramps_summary
 from pl_mc.statistics import ls_quantities
 from pl_mc.time_ramps import sequential, time_to_alert
 from pl_mc.time_ramps.passes import Test
+
+# Scales of IGG-III that are no smaller than the root mean square of the residuals.
+_OF_THE_RESIDUALS = ("posterior", "posterior_floored")
 
 
 class SequentialChoice(Strict):
@@ -110,6 +114,7 @@ def run(experiment: TimeRampsExperiment, folder: Path, *, execution: Execution) 
         for method in dict.fromkeys(table.method)
         if method not in set(shown.method)
     )
+    notes += _notes_on_igg3(experiment, int(described.redundant.max()))
     if shown.empty:
         raise InputError("methods: none of them can be brought to the false-alarm rate p_fa in this geometry.")
     save_figure(alert_figure(shown, alert=alert, title=experiment.title), folder, "time_to_alert")
@@ -119,6 +124,30 @@ def run(experiment: TimeRampsExperiment, folder: Path, *, execution: Execution) 
         p_fa=experiment.p_fa, onset_s=experiment.onset_s, seed=experiment.seed,
     )  # fmt: skip
     return summary, notes
+
+
+def _notes_on_igg3(experiment: TimeRampsExperiment, redundant: int) -> tuple[str, ...]:
+    """Where IGG-III cannot but be least squares.
+
+    With r redundant satellites no residual is beyond sqrt(r) times its own standard deviation if the scale is that
+    of the same residuals: v_i^2 / q_i is the part of v'Pv along one direction. Below k0 every weight is one.
+    """
+    same = [
+        one.name
+        for one in experiment.method_records()
+        if isinstance(one, Igg3)
+        and one.start == "ls"
+        and one.scale in _OF_THE_RESIDUALS
+        and one.k0 >= np.sqrt(redundant)
+    ]
+    if not same:
+        return ()
+    return (
+        f"{', '.join(same)}: with {redundant} redundant satellites it is least squares by construction. Its "
+        "residuals are divided by a scale that they make themselves, so that none is beyond the root of the number "
+        f"of redundant satellites, {np.sqrt(redundant):.3g}, which its limit k0 is not below: no weight is ever "
+        "changed. What is said of it here says nothing of IGG-III where more satellites are in view.",
+    )
 
 
 def _describe(g: Geometry, satellite: str) -> pd.DataFrame:

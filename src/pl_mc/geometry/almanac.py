@@ -7,7 +7,9 @@ nearest to the time of the simulation is taken.
 
 from __future__ import annotations
 
+import os
 import re
+import stat
 from collections.abc import Iterator, Mapping, Sequence
 from pathlib import Path
 
@@ -15,7 +17,7 @@ import numpy as np
 
 from pl_mc.constants import EARTH_ROTATION_RAD_S
 from pl_mc.geometry.constellations import Slot
-from pl_mc.input_errors import InputError
+from pl_mc.input_errors import InputError, shown
 
 _WEEK_S = 604_800.0
 _WEEKS_PER_CYCLE = 1024
@@ -41,7 +43,13 @@ _YUMA = {
     "mean anom": "mean_anomaly_rad",
     "week": "week",
 }
+_YUMA_HEADING = re.compile(r"\*+ *week +(\d{1,4}) +almanac for PRN-(\d{1,2})\b", re.IGNORECASE | re.ASCII)
+_DECIMAL = re.compile(r"\s*[-+]?\d+\.\d", re.ASCII)
 _SEM_NUMBERS = 14
+_SEM_ROWS = [0, 1, 2, 3, 3, 3, 4, 4, 4, 5, 5, 5, 6, 7]
+
+# The satellites that are in use have almanacs of one upload, or of the two before and after it.
+_LONGEST_SPREAD_S = 2 * _WEEK_S
 
 # What an element can be: the widest values that the navigation message has room for, less what is no orbit.
 _RANGES = {
@@ -58,6 +66,7 @@ _RANGES = {
     "week": (0, 8191),
 }
 _WHOLE = ("prn", "health", "week")
+_WITHOUT_POINT = (*_WHOLE, "toa_s")
 
 
 def almanac_slots(path: str | Path, near_gps_s: float) -> tuple[Slot, ...]:
@@ -71,6 +80,8 @@ def almanac_slots(path: str | Path, near_gps_s: float) -> tuple[Slot, ...]:
         InputError: a file that is missing, cut short, damaged or no almanac, or without a healthy satellite; the
             sentence names file and line.
     """
+    if not isinstance(path, str | os.PathLike):
+        raise InputError(f"almanac: the path of a YUMA or SEM file is needed, not {shown(path)}.")
     path = Path(path)
     lines = _lines(path)
     records = list(_yuma(path, lines) if any(line.startswith("****") for line in lines) else _sem(path, lines))
@@ -89,6 +100,12 @@ def almanac_slots(path: str | Path, near_gps_s: float) -> tuple[Slot, ...]:
             slots.append(_slot(record, near_gps_s))
     if not slots:
         raise InputError(f"{path}: it holds no healthy satellite.")
+    moments = [slot.reference_gps_s for slot in slots]
+    if max(moments) - min(moments) > _LONGEST_SPREAD_S:
+        raise InputError(
+            f"{path}: the times of its healthy satellites are {(max(moments) - min(moments)) / 86_400:.0f} days "
+            "apart; a week or a time of applicability is damaged."
+        )
     return tuple(sorted(slots, key=lambda slot: slot.name))
 
 
@@ -115,13 +132,17 @@ def _slot(record: Mapping[str, float], near_gps_s: float) -> Slot:
 
 def _lines(path: Path) -> list[str]:
     try:
-        if path.stat().st_size > _LARGEST_BYTES:
-            raise InputError(f"{path}: it is too long for an almanac.")
-        content = path.read_bytes()
+        status = path.stat()
+        readable = stat.S_ISREG(status.st_mode) and status.st_size <= _LARGEST_BYTES
+        content = path.read_bytes() if readable else b""
     except OSError as error:
         raise InputError(
             f"{path}: the almanac cannot be read ({(error.strerror or str(error)).lower()})."
         ) from None
+    except ValueError:
+        raise InputError(f"{str(path)!r}: this cannot be the name of an almanac.") from None
+    if not readable:
+        raise InputError(f"{path}: it is no regular file of up to {_LARGEST_BYTES} bytes, as an almanac is.")
     if b"\0" in content:
         raise InputError(f"{path}: it holds binary data and is no YUMA or SEM almanac.")
     return content.decode("latin-1").replace("\r\n", "\n").replace("\r", "\n").split("\n")
@@ -130,6 +151,7 @@ def _lines(path: Path) -> list[str]:
 def _yuma(path: Path, lines: Sequence[str]) -> Iterator[tuple[int, dict[str, float]]]:
     """Line of the heading and elements of each satellite."""
     begin = 0
+    heading: re.Match[str] | None = None
     record: dict[str, float] | None = None
     for number, line in enumerate([*lines, "****"], start=1):
         if line.startswith("****"):
@@ -137,8 +159,15 @@ def _yuma(path: Path, lines: Sequence[str]) -> Iterator[tuple[int, dict[str, flo
                 missing = [name for name in _YUMA.values() if name not in record]
                 if missing:
                     raise InputError(f"{path}: line {begin}: the record of a satellite lacks {', '.join(missing)}.")
+                said = heading and (int(heading[1]), int(heading[2]))
+                if said and said != (record["week"], record["prn"]):
+                    raise InputError(
+                        f"{path}: line {begin}: the heading says week {said[0]} and PRN {said[1]}, the record week "
+                        f"{record['week']:g} and PRN {record['prn']:g}."
+                    )
                 yield begin, record
             begin, record = number, {}
+            heading = _YUMA_HEADING.search(line)
             continue
         words, colon, value = line.partition(":")
         if not line.strip():
@@ -151,6 +180,12 @@ def _yuma(path: Path, lines: Sequence[str]) -> Iterator[tuple[int, dict[str, flo
             if name in record:
                 raise InputError(f"{path}: line {number}: {name} appears twice in the record of a satellite.")
             record[name] = _number(path, number, value)
+            # What is left of a number that has lost its beginning is mostly a number too.
+            if name not in _WITHOUT_POINT and not _DECIMAL.match(value):
+                raise InputError(
+                    f"{path}: line {number}: a number with digits on both sides of its point is needed, not "
+                    f"{value.strip()!r}."
+                )
 
 
 def _sem(path: Path, lines: Sequence[str]) -> Iterator[tuple[int, dict[str, float]]]:
@@ -170,6 +205,12 @@ def _sem(path: Path, lines: Sequence[str]) -> Iterator[tuple[int, dict[str, floa
         )
     for first in range(0, len(fields), _SEM_NUMBERS):
         line = fields[first][0]
+        rows = [k - line for k, _ in fields[first : first + _SEM_NUMBERS]]
+        if rows != _SEM_ROWS:
+            raise InputError(
+                f"{path}: line {line}: the record of a satellite is eight lines of 1, 1, 1, 3, 3, 3, 1 and 1 "
+                "numbers, none of them empty."
+            )
         value = [_number(path, k, word) for k, word in fields[first : first + _SEM_NUMBERS]]
         # PRN, SVN, accuracy; e, i, rate of the node; root of a, node, perigee; M, clock offset and drift; health,
         # configuration. Angles are in semicircles.
@@ -192,7 +233,8 @@ def _sem(path: Path, lines: Sequence[str]) -> Iterator[tuple[int, dict[str, floa
 
 def _number(path: Path, line: int, text: str) -> float:
     try:
-        number = float(text)
+        # Python reads digits of other alphabets and underscores too, which no almanac has.
+        number = float(text) if text.isascii() and "_" not in text else np.nan
     except ValueError:
         number = np.nan
     if not np.isfinite(number):

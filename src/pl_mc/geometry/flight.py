@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 from pl_mc.geometry.constellations import Slot
 from pl_mc.geometry.frames import enu_rotation, from_geodetic, geodetic
 from pl_mc.geometry.orbits import satellite_positions_m
-from pl_mc.input_errors import InputError
+from pl_mc.input_errors import InputError, require_positive, require_whole
 
 # Standard gravity, 3rd General Conference on Weights and Measures, 1901.
 GRAVITY_M_S2 = 9.80665
@@ -27,6 +27,9 @@ _WGS84_ECCENTRICITY_2 = 6.694379990141e-3
 
 # Time from wings level to full bank: at 25 degrees a roll rate of 9 degrees a second at the most.
 ROLL_S = 4.0
+
+# The longest flight that is integrated, two weeks: no aircraft of the kind stays up for a day.
+_LONGEST_FLIGHT_S = 1_209_600.0
 
 # Step of the integration; positions at whole seconds are accurate to a millimetre.
 _STEP_S = 0.05
@@ -158,8 +161,13 @@ def fly(
         interval_s: time from one epoch to the next [s].
 
     Raises:
-        InputError: a turn while standing, or one too short for rolling in and out.
+        InputError: a turn while standing, or one too short for rolling in and out; a series that is none, or of
+            more than two weeks.
     """
+    epochs = require_whole(epochs, field="epochs", low=1)
+    interval_s = require_positive(interval_s, field="interval_s")
+    if (epochs - 1) * interval_s > _LONGEST_FLIGHT_S:
+        raise InputError(f"flight: it can last up to {_LONGEST_FLIGHT_S:g} s, and more is asked for.")
     end_s = (epochs - 1) * interval_s
     time = np.arange(int(np.ceil(end_s / _STEP_S)) + 2, dtype=np.float64) * _STEP_S
     speed, climb, rate = (np.zeros(time.size) for _ in range(3))

@@ -13,7 +13,7 @@ import numpy as np
 import pandas as pd
 from numpy.typing import ArrayLike, NDArray
 
-from pl_mc.input_errors import InputError
+from pl_mc.input_errors import InputError, shown
 
 GPS_EPOCH = datetime(1980, 1, 6)
 
@@ -37,7 +37,7 @@ def gps_seconds(date: str | datetime, *, field: str = "start") -> float:
         moment = date if isinstance(date, datetime) else datetime.fromisoformat(date)
     except (TypeError, ValueError):
         raise InputError(
-            f"{field}: {date!r} is not a date; GPS time is written as in 2017-11-21T00:00:00."
+            f"{field}: {shown(date)} is not a date; GPS time is written as in 2017-11-21T00:00:00."
         ) from None
     if moment.tzinfo is not None:
         bare = moment.replace(tzinfo=None).isoformat()

@@ -15,7 +15,7 @@ import jax
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from pl_mc.input_errors import InputError
+from pl_mc.input_errors import InputError, shown
 
 SYSTEM_NAMES = {"G": "GPS", "C": "BeiDou", "E": "Galileo", "R": "GLONASS"}
 
@@ -79,7 +79,7 @@ class Geometry:
         if design.ndim != 2:
             raise InputError(f"design: two axes (satellites, unknowns) are needed, not shape {design.shape}.")
         n, t = design.shape
-        names, systems = tuple(map(str, names)), tuple(map(str, systems))
+        names, systems = as_words("names", names), as_words("systems", systems)
         for label, got in (("sigma_m", sigma.shape), ("systems", (len(systems),)), ("names", (len(names),))):
             if got != (n,):
                 raise InputError(f"{label}: one entry per design row is needed, ({n},), not {got}.")
@@ -141,7 +141,10 @@ class Geometry:
         as unavailable.
         """
         design, sigma_m = _as_numbers("design", design), _as_numbers("sigma_m", sigma_m)
-        in_view = np.asarray(in_view, bool)
+        in_view = _as_numbers("in_view", in_view) != 0
+        names, systems, clocks = (
+            as_words(label, words) for label, words in (("names", names), ("systems", systems), ("clocks", clocks))
+        )
         m, t = len(names), POSITION_UNKNOWNS + len(clocks)
         if design.ndim != 3 or design.shape[1:] != (m, t):
             raise InputError(
@@ -153,11 +156,11 @@ class Geometry:
                 raise InputError(f"{label}: its shape is (epochs, satellites), {(epochs, m)}, not {got}.")
         if len(systems) != m:
             raise InputError(f"systems: one letter per name is needed, {m}, not {len(systems)}.")
-        _check_satellites(tuple(names), tuple(systems))
-        numbers = np.arange(epochs) if epoch is None else np.asarray(epoch, dtype=np.int64)
-        # Noise is found by epoch number: two epochs of one number would share theirs.
-        if numbers.shape != (epochs,) or np.unique(numbers).size != epochs or (numbers < 0).any():
-            raise InputError(f"epoch: {epochs} different numbers, none negative, are needed.")
+        _check_satellites(names, systems)
+        numbers = np.arange(epochs) if epoch is None else _as_epoch_numbers(epoch, epochs)
+        times = np.full(epochs, np.nan) if time_gps_s is None else _as_numbers("time_gps_s", time_gps_s)
+        if times.shape != (epochs,):
+            raise InputError(f"time_gps_s: one time per epoch is needed, ({epochs},), not {times.shape}.")
         if not in_view.any():
             raise InputError("geometry: no satellite is in view at any epoch.")
         if not (np.isfinite(sigma_m[in_view]).all() and (sigma_m[in_view] > 0).all()):
@@ -177,10 +180,10 @@ class Geometry:
             in_view=mask,
             satellite=np.where(mask, order, 0).astype(np.int32),
             epoch=numbers,
-            time_gps_s=np.full(epochs, np.nan) if time_gps_s is None else np.asarray(time_gps_s, dtype=float),
+            time_gps_s=times,
             names=tuple(names[i] for i in seen),
             systems=tuple(systems[i] for i in seen),
-            clocks=tuple(clocks),
+            clocks=clocks,
         )
 
     @property
@@ -195,7 +198,7 @@ class Geometry:
 
     @property
     def unknown_count(self) -> NDArray[np.int64]:
-        """(...), number of unknowns: three coordinates and the clocks that some satellite in view observes."""
+        """(...), number of unknowns, three coordinates and the clocks that some satellite in view observes."""
         clocks = np.asarray(self.design)[..., POSITION_UNKNOWNS:]
         return POSITION_UNKNOWNS + clocks.any(axis=-2).sum(axis=-1)
 
@@ -226,8 +229,8 @@ class Geometry:
             if len(range(*index.indices(len(self)))) == 0:
                 raise InputError(f"geometry: the slice {index.start}:{index.stop} holds no epoch of {len(self)}.")
             return self._with_arrays({name: getattr(self, name)[index] for name in _ARRAYS})
-        if not isinstance(index, int | np.integer):
-            raise InputError(f"geometry: an epoch is chosen by a whole number or a slice, not {index!r}.")
+        if not isinstance(index, int | np.integer) or isinstance(index, bool):
+            raise InputError(f"geometry: an epoch is chosen by a whole number or a slice, not {shown(index)}.")
         if not -len(self) <= index < len(self):
             raise InputError(f"geometry: epoch index {index} is outside 0 to {len(self) - 1}.")
         rows = np.flatnonzero(self.in_view[index])
@@ -263,8 +266,29 @@ _ARRAYS = ("design", "sigma_m", "in_view", "satellite", "epoch", "time_gps_s")
 def _as_numbers(field_name: str, value: ArrayLike) -> NDArray[np.float64]:
     try:
         return np.asarray(value, dtype=float)
-    except (TypeError, ValueError) as error:
-        raise InputError(f"{field_name}: it cannot be read as an array of numbers ({error}).") from None
+    except (TypeError, ValueError, OverflowError) as error:
+        reason = " ".join(str(error).split()).rstrip(".")
+        raise InputError(f"{field_name}: it cannot be read as an array of numbers ({reason}).") from None
+
+
+def as_words(field_name: str, value: Sequence[str]) -> tuple[str, ...]:
+    """Names or letters, one by one; a word of letters is a sequence of them."""
+    try:
+        words: tuple[object, ...] = tuple(value)
+    except TypeError:
+        words = (value,)
+    if not all(isinstance(word, str) for word in words):
+        raise InputError(f"{field_name}: a sequence of names is needed, not {shown(value)}.")
+    return tuple(map(str, words))
+
+
+def _as_epoch_numbers(value: ArrayLike, epochs: int) -> NDArray[np.int64]:
+    numbers = _as_numbers("epoch", value)
+    whole = np.isfinite(numbers) & (numbers >= 0) & (numbers == np.floor(numbers)) & (numbers < 2**53)
+    # Noise is found by epoch number: two epochs of one number would share theirs.
+    if numbers.shape != (epochs,) or not whole.all() or np.unique(numbers).size != epochs:
+        raise InputError(f"epoch: {epochs} different whole numbers, none negative, are needed.")
+    return numbers.astype(np.int64)
 
 
 def _check_satellites(names: tuple[str, ...], systems: tuple[str, ...]) -> None:

@@ -15,11 +15,17 @@ from pl_mc.geometry.constellations import Slot, constellation_slots
 from pl_mc.geometry.frames import enu_rotation, geodetic
 from pl_mc.geometry.gps_time import gps_seconds
 from pl_mc.geometry.orbits import satellite_positions_m
-from pl_mc.geometry.record import POSITION_UNKNOWNS, SYSTEM_NAMES, UP, Geometry
+from pl_mc.geometry.record import POSITION_UNKNOWNS, SYSTEM_NAMES, UP, Geometry, as_words
 from pl_mc.geometry.sites import DEFAULT_SITE, checked_positions_m, site_position_m
-from pl_mc.input_errors import InputError
+from pl_mc.input_errors import InputError, shown
 
 DEFAULT_EPOCHS = 2880
+
+# Positions of 40 satellites at so many epochs fill gigabytes: what is more is a slip of the hand.
+MOST_EPOCHS = 1_000_000
+
+# Three centuries: beyond, nothing that is known of the orbits holds.
+_LONGEST_SERIES_S = 1e10
 
 
 def simulate(
@@ -43,7 +49,7 @@ def simulate(
             coordinates [m]; CUT0 where neither site nor track is given.
         track_m: (epochs, 3), Earth-fixed positions of a moving user instead of a site [m].
         start: first epoch in GPS time, ISO 8601 without time zone.
-        epochs: number of epochs; 2880 over a site, as many as the track has otherwise.
+        epochs: number of epochs, up to a million; 2880 over a site, as many as the track has otherwise.
         interval_s: time from one epoch to the next [s].
         mask_deg: elevation below which a satellite does not count, 0 to below 90 [deg].
         visible: (epochs, m), False where a satellite is hidden for reasons other than the mask; m counts the
@@ -60,9 +66,19 @@ def simulate(
     Raises:
         InputError: an option that cannot be used, or no satellite in view at any epoch.
     """
+    if not isinstance(start, str | datetime):
+        raise InputError(f"start: a date is needed, as in 2017-11-21T00:00:00, not {shown(start)}.")
     first_gps_s = gps_seconds(start)
     real = None if almanac is None else almanac_slots(almanac, first_gps_s)
-    slots = constellation_slots(constellations, without, gps_slots=real)
+    slots = constellation_slots(
+        *(
+            (words,) if isinstance(words, str) else as_words(field, words)
+            for field, words in (("constellations", constellations), ("without", without))
+        ),
+        gps_slots=real,
+    )
+    if not isinstance(error_model, str | ErrorModel):
+        raise InputError(f"error model: a name or an error model is needed, not {shown(error_model)}.")
     model = as_error_model(error_model)
     position, epochs = _positions_m(site, track_m, epochs)
     mask_deg = _number("mask_deg", mask_deg)
@@ -74,6 +90,11 @@ def simulate(
     interval_s = _number("interval_s", interval_s)
     if interval_s <= 0:
         raise InputError(f"interval_s: {interval_s:g} s; the time between epochs is over zero, as in 30 s.")
+    if interval_s * epochs > _LONGEST_SERIES_S:
+        raise InputError(
+            f"interval_s: {epochs} epochs every {interval_s:g} s last {interval_s * epochs:.3g} s; at most "
+            f"{_LONGEST_SERIES_S:g} s can be simulated."
+        )
     time_gps_s = first_gps_s + interval_s * np.arange(epochs)
 
     # One epoch keeps its axis, whatever the conversion makes of an axis of length one.
@@ -126,7 +147,9 @@ def _positions_m(
 ) -> tuple[NDArray[np.float64], int]:
     """Position at each epoch (epochs, 3) [m] and the number of epochs."""
     if epochs is not None and (isinstance(epochs, bool) or not isinstance(epochs, int | np.integer) or epochs < 1):
-        raise InputError(f"epochs: {epochs!r} cannot be used; it is a whole number of at least 1.")
+        raise InputError(f"epochs: {shown(epochs)} cannot be used; it is a whole number of at least 1.")
+    if epochs is not None and epochs > MOST_EPOCHS:
+        raise InputError(f"epochs: {epochs} are too many for one series; at most {MOST_EPOCHS} can be used.")
     if track_m is None:
         count = DEFAULT_EPOCHS if epochs is None else int(epochs)
         return np.tile(site_position_m(DEFAULT_SITE if site is None else site), (count, 1)), count
@@ -139,7 +162,10 @@ def _positions_m(
 
 
 def _visibility(visible: ArrayLike, shape: tuple[int, ...]) -> NDArray[np.bool_]:
-    mask = np.asarray(visible)
+    try:
+        mask = np.asarray(visible)
+    except ValueError:
+        raise InputError(f"visible: True or False by epoch and satellite is needed, {shape}.") from None
     if mask.dtype != np.bool_ or mask.shape != shape:
         raise InputError(
             f"visible: True or False by epoch and satellite is needed, {shape}, not {mask.dtype} {mask.shape}."
@@ -156,8 +182,8 @@ def _clocks(slots: Sequence[Slot], in_view: NDArray[np.bool_]) -> tuple[str, ...
 def _number(field: str, value: float) -> float:
     try:
         number = float(value)
-    except (TypeError, ValueError):
+    except (TypeError, ValueError, OverflowError):
         number = np.nan
     if not np.isfinite(number):
-        raise InputError(f"{field}: {value!r} is not a finite number.")
+        raise InputError(f"{field}: {shown(value)} is not a finite number.")
     return number

@@ -18,6 +18,9 @@ DEFAULT_SITE = "CUT0"
 LOWEST_HEIGHT_M = -1_000.0
 HIGHEST_HEIGHT_M = 100_000.0
 
+# Beyond this nobody stands, and the square of a coordinate may be no number.
+_FARTHEST_M = 1e9
+
 
 @dataclass(frozen=True)
 class Site:
@@ -105,6 +108,8 @@ def checked_positions_m(
         raise InputError(f"{field}: {wanted} coordinates in metres are needed, not shape {positions.shape}.")
     if not np.isfinite(positions).all():
         raise InputError(f"{field}: every coordinate is a finite number of metres.")
+    if (np.abs(positions) > _FARTHEST_M).any():
+        raise InputError(f"{field}: a coordinate beyond {_FARTHEST_M:g} m is no place near the Earth.")
     # The centre of the Earth has no height; anything this deep is refused before it is asked for one.
     radius = np.linalg.norm(positions, axis=-1)
     if (radius < 6.0e6).any():

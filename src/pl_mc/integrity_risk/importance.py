@@ -132,7 +132,7 @@ def importance_sampling(
 
     def search() -> None:
         nonlocal spent
-        proposal, cost = _proposal(limit, rng, known, each - _BATCH)
+        proposal, cost = adapted_proposal(limit, rng, known, each - _BATCH)
         spent += cost
         if proposal is not None:
             searches.append((proposal, Tally()))
@@ -186,10 +186,13 @@ def _together(tallies: list[Tally], evaluations: int) -> ImportanceRun:
     )
 
 
-def _proposal(
+def adapted_proposal(
     limit: Sampled, rng: np.random.Generator, known: FloatArray, most_evaluations: int
 ) -> tuple[Mixture | None, int]:
-    """One search: a proposal, none where the event was not reached; and what it cost."""
+    """One search: a proposal, none where the event was not reached; and what it cost.
+
+    Its density is over the first ``limit.active`` coordinates; ``known`` are points in the event (N, dimension).
+    """
     adapting = sum(_ROUND_SIZES) + len(_ROUND_SIZES) * _REJUVENATED * (MOVES + 1)
     found, spent = _explore(limit, rng, max(most_evaluations - adapting, most_evaluations // 2))
     found = np.concatenate([_some(found, rng), known])
@@ -235,7 +238,7 @@ def _adapt(
         pool, log_weights = np.concatenate([pool, points]), np.concatenate([log_weights, log_weight])
         if not len(pool):
             continue
-        chosen = rng.choice(len(pool), size=_REJUVENATED, p=_tempered(log_weights))
+        chosen = rng.choice(len(pool), size=_REJUVENATED, p=tempered(log_weights))
         moved, moves = rejuvenate(limit, rng, pool[chosen])
         spent += moves
         fitted = fit(moved[:, :active], rng, _COMPONENTS)
@@ -266,14 +269,14 @@ def _sample(
     points[:, : limit.active] = proposal.draw(rng, size)
     points = points[limit(points) > 0]
     inner = points[:, : limit.active]
-    return points, _log_normal(inner) - proposal.log_density(inner) if len(points) else np.empty(0)
+    return points, log_normal(inner) - proposal.log_density(inner) if len(points) else np.empty(0)
 
 
-def _log_normal(points: FloatArray) -> FloatArray:
+def log_normal(points: FloatArray) -> FloatArray:
     return -0.5 * ((points**2).sum(axis=1) + points.shape[1] * np.log(2.0 * np.pi))
 
 
-def _tempered(log_weight: FloatArray) -> FloatArray:
+def tempered(log_weight: FloatArray) -> FloatArray:
     """Probabilities in proportion to weights, those far above the mean cut (Ionides 2008, truncated weights)."""
     weight = np.exp(log_weight - log_weight.max())
     weight = np.minimum(weight, weight.mean() * np.sqrt(len(weight)))

@@ -10,7 +10,7 @@ from __future__ import annotations
 import dataclasses
 import functools
 from dataclasses import dataclass
-from typing import Any
+from typing import Any, Protocol
 
 import jax
 import jax.numpy as jnp
@@ -33,6 +33,18 @@ EVENTS = (EXCEEDED, MISLEADING)
 _TILE = 512
 # Logarithms of ratios are cut here: no solution on one side, a level of zero on the other.
 _FAR = 700.0
+
+
+class Ratio(Protocol):
+    """A ratio that knows its coordinates."""
+
+    @property
+    def active(self) -> int: ...
+
+    @property
+    def dimension(self) -> int: ...
+
+    def ratio(self, points: FloatArray) -> FloatArray: ...
 
 
 @dataclass(frozen=True)
@@ -92,7 +104,7 @@ class RatioState:
 class RatioLimit:
     """log(ratio / k): positive exactly where the event happens with multiplier ``k``."""
 
-    state: RatioState
+    state: Ratio
     k: float
 
     @property

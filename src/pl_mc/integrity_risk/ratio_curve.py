@@ -14,7 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy import stats
 
-from pl_mc.integrity_risk.ratio import RatioState
+from pl_mc.integrity_risk.ratio import Ratio
 from pl_mc.integrity_risk.subset import LEVEL_FRACTION, MOST_LEVELS, MOVES, move, systematic
 
 FloatArray = NDArray[np.float64]
@@ -120,7 +120,7 @@ class TailCurve:
 
 
 def climb_ratios(
-    state: RatioState, rng: np.random.Generator, *, target: float, size: int = POPULATION, moves: int = MOVES
+    state: Ratio, rng: np.random.Generator, *, target: float, size: int = POPULATION, moves: int = MOVES
 ) -> Ladder:
     """One population, until the probability of the ratios that it has climbed is at most the target.
 
@@ -152,7 +152,7 @@ def climb_ratios(
 
 
 def tail_curve(
-    state: RatioState,
+    state: Ratio,
     rng: np.random.Generator,
     *,
     target: float,

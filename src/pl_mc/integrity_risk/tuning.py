@@ -4,13 +4,14 @@ For every pair of limits the multiplier is the one that keeps the target, so tha
 small: the mean protection level, or the share of alarms, without a fault. The search sees a smoothed price over
 noise that stays the same (`pl_mc.integrity_risk.tuning_objective`); it starts from the record's limits and from two
 pairs besides, since the price has more than one valley. What it finds is judged with noise of its own, without
-smoothing, beside where it started and beside the best of a plain grid over the noise of the search.
+smoothing, beside where it started and beside the best of a plain grid over the noise of the search
+(`pl_mc.integrity_risk.tuning_judge`).
 """
 
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from typing import Any, Literal
 
 import numpy as np
@@ -24,11 +25,21 @@ from pl_mc.faults import Faults, no_fault
 from pl_mc.geometry.record import Geometry
 from pl_mc.input_errors import InputError, require_choice, require_positive, require_whole
 from pl_mc.integrity_risk.ls_exact import require_single
-from pl_mc.integrity_risk.multiplier_counts import fewest_draws, order_bounds
+from pl_mc.integrity_risk.multiplier_counts import fewest_draws
+from pl_mc.integrity_risk.rare import FEWEST_EVALUATIONS
 from pl_mc.integrity_risk.ratio import EVENTS, MISLEADING
-from pl_mc.integrity_risk.tuning_objective import OBJECTIVES, Draws, TuningProblem, cost
+from pl_mc.integrity_risk.tuning_draws import weighted_noise
+from pl_mc.integrity_risk.tuning_judge import (
+    SAMPLES,
+    Judged,
+    counted_limits,
+    estimated_limits,
+    multiplier,
+    price,
+    unknown_limits,
+)
+from pl_mc.integrity_risk.tuning_objective import OBJECTIVES, TuningProblem, WeightedNoise
 from pl_mc.methods import Igg3, Method, as_methods
-from pl_mc.statistics.intervals import clopper_pearson
 from pl_mc.statistics.least_squares import ls_quantities
 
 FloatArray = NDArray[np.float64]
@@ -42,26 +53,8 @@ _LOWEST, _HIGHEST = np.array([0.5, 0.5]), np.array([6.0, 20.0])
 _STARTS = ((0.8, 10.0), (3.0, 6.0))
 # Events that the noise of the search has to have at the target, or its quantile says nothing.
 _FEWEST_EVENTS = 20
-_SAMPLES = 200
-# Ratios that may come into a resampled quantile, for each rank.
-_TAIL_FACTOR, _TAIL_LEAST = 4, 200
-
-
-@dataclass(frozen=True)
-class _Judged:
-    """One pair of limits on fresh noise.
-
-    Attributes:
-        limits: (2,), k0 and k1.
-        k: the multiplier that keeps the target with the confidence.
-        objective: the price at that multiplier.
-        resampled: (samples,), the same of resampled draws, the same for every pair of limits.
-    """
-
-    limits: FloatArray
-    k: float
-    objective: float
-    resampled: FloatArray
+# Weighted draws of the search, and fewer effective ones behind a multiplier of it than these say nothing.
+_WEIGHTED_DRAWS, _LEAST_EFFECTIVE = 16_384, 30.0
 
 
 def tune(
@@ -80,11 +73,15 @@ def tune(
     steps: int = 30,
     grid: int = 5,
     smoothing: float = 0.05,
+    search_draws: int | None = None,
+    target_cov: float = 0.1,
+    max_evaluations: int = 10_000_000,
 ) -> pd.DataFrame:
     """Limits of IGG-III that make the price of a given risk small, beside the start and a plain grid.
 
-    Gaussian noise, double precision. A target has to be common enough for its quantile to be drawn; what is found
-    can be taken to rarer ones with `pl_mc.calibrate`.
+    Gaussian noise, double precision. A target of which ``draws`` have 20 events is counted, in the search and in
+    the judgement. A rarer one is searched for over weighted draws of importance sampling, and judged by the curve
+    of the risk against the multiplier, with its check, as in `pl_mc.calibrate`.
 
     Args:
         g: one epoch.
@@ -96,25 +93,33 @@ def tune(
         event: ``misleading``, |vertical error| > VPL and no alarm, or ``exceeded``, alarm or not.
         faults: the faults; the fault-free case unless given.
         alert: alert limits; the vertical one decides on alarms.
-        draws: of the search, and of either fresh set, for each fault.
+        draws: of the search, and of either fresh set, for each fault; of a rare target those that judge the price.
         confidence: with which the multiplier keeps the target, and of the interval of the risk.
         seed: chooses the noise, 0 to 2^32 - 1.
         steps: most steps of the search (L-BFGS-B).
-        grid: values of each of k0 and k1 - k0 on the grid.
+        grid: values of each of k0 and k1 - k0 on the grid; 0 for no grid.
         smoothing: width of the steps that take the place of jumps in the search, in the logarithm of the ratio.
+        search_draws: weighted draws of the search for each fault, and plain ones for the price; 16,384 for a rare
+            target unless given. Where given, a target that is counted is searched for in this way as well.
+        target_cov, max_evaluations: of the curves that judge a rare target, see `pl_mc.calibrate`.
 
     Returns:
         Rows ``start``, ``tuned`` and ``grid`` (column ``limits``) with ``k0, k1``; ``k_vertical``, the multiplier
-        that keeps the target with the confidence on fresh noise; ``objective`` there and ``objective_error``, its
-        standard error, the multiplier's among it; ``change`` from the start and ``change_error``, of the same
-        draws; ``risk, risk_low, risk_high``: share of the event at that multiplier in a third set of draws, under
-        the fault with the largest (``risk_fault``), with its interval (two-sided, for that fault alone);
-        ``evaluations``, scenarios that finding the limits took, a derivative counted as another; ``warning``.
-        ``table.attrs["method"]`` is the tuned record with its multiplier.
+        that keeps the target with the confidence on fresh noise, and ``k_best, k_low``, the best value and one that
+        with the confidence does not; ``objective`` there and ``objective_error``, its standard error, the
+        multiplier's among it; ``change`` from the start and ``change_error``, of the same draws; ``found``
+        (``counting`` or ``rare events``); ``vpl_m``, mean level [m], and ``alarms`` of ``draws`` with ``alarm_rate,
+        alarm_low, alarm_high``, all fault-free at ``k_vertical``; ``risk, risk_low, risk_high``: share of the event
+        there in a third set of draws, under the fault with the largest (``risk_fault``), with its interval
+        (two-sided, for that fault alone), of a rare target the curve's; ``check_probability, check_low,
+        check_high``: of a rare target what importance sampling finds at that fault's best multiplier;
+        ``evaluations``, scenarios that finding the limits took, a derivative counted as another; ``warning``. Where
+        two estimates of a rare target disagree, or the weights of the search degenerate, there is a warning and no
+        number. ``table.attrs["method"]`` is the tuned record with its multiplier, or None without one.
 
     Raises:
         InputError: a series of epochs, an epoch without redundancy, a method that is not IGG-III, options outside
-            their range, too few draws for the target.
+            their range.
     """
     require_geometry_and_alert(g, alert)
     require_single(g, "tuning")
@@ -130,11 +135,13 @@ def tune(
             raise InputError(f"{field}: it lies between 0 and 1, both excluded, not {value!r}.")
     require_positive(smoothing, field="smoothing")
     draws = require_whole(draws, field="draws", low=1, high=LARGEST_DRAWS)
-    needed = max(int(np.ceil(_FEWEST_EVENTS / target)), fewest_draws(target, confidence))
-    if draws < needed:
-        raise InputError(f"draws: a target of {target:g} needs at least {needed}, not {draws}, or a larger target.")
+    counts = draws >= max(int(np.ceil(_FEWEST_EVENTS / target)), fewest_draws(target, confidence))
+    if search_draws is not None:
+        search_draws = require_whole(search_draws, field="search_draws", low=1024, high=LARGEST_DRAWS)
+    require_positive(target_cov, field="target_cov")
+    max_evaluations = require_whole(max_evaluations, field="max_evaluations", low=FEWEST_EVALUATIONS)
     seed = require_whole(seed, field="seed", low=0, high=LARGEST_SEED)
-    steps, grid = require_whole(steps, field="steps", low=1), require_whole(grid, field="grid", low=1)
+    steps, grid = require_whole(steps, field="steps", low=1), require_whole(grid, field="grid", low=0)
     (record,) = as_methods([method])
     # A gate would change what counts as misleading, and the search knows none.
     if type(record) is not Igg3:
@@ -157,40 +164,96 @@ def tune(
     search, fresh, last = (rng.standard_normal((draws, len(g.names))) for rng in noises[:3])
     start = np.array([record.k0, record.k1])
     free = np.array(["k0" in named, "k1" in named])
-    tuned, evaluations, note = _descend(problem, start, free, search, steps)
-    best, looked = _best_of_grid(problem, start, free, search, grid, confidence)
-    weights = np.stack([noises[3].poisson(1.0, draws).astype(np.uint8) for _ in range(_SAMPLES)])
-    found = [_judge(problem, limits, fresh, weights, confidence) for limits in (start, tuned, best)]
-    rows: list[dict[str, Any]] = []
-    for name, one, cost_of, doubt in zip(
-        (START, TUNED, GRID), found, (0, evaluations, looked), ("", note, ""), strict=True
-    ):
-        change = one.resampled - found[0].resampled
-        rows.append(
-            {
-                "limits": name,
-                "k0": one.limits[0],
-                "k1": one.limits[1],
-                "k_vertical": one.k,
-                "objective": one.objective,
-                "objective_error": float(one.resampled.std(ddof=1)),
-                "change": one.objective - found[0].objective,
-                "change_error": float(change.std(ddof=1)),
-                **_risk(problem, one, last, faults, confidence),
-                "evaluations": cost_of,
-                "warning": doubt,
-            }
+    note, looked = "", 0
+    if (counts and search_draws is None) or not free.any():
+        tuned, evaluations, note = _descend(problem, start, free, search, steps, (start, *map(np.array, _STARTS)))
+        seen: FloatArray | WeightedNoise = search
+        effective = np.inf
+    else:
+        tuned, evaluations, note, seen, effective = _descend_weighted(
+            problem, start, free, noises[0], steps, search_draws or _WEIGHTED_DRAWS
         )
-    table = pd.DataFrame(rows)
+    weights = np.stack([noises[3].poisson(1.0, draws).astype(np.uint8) for _ in range(SAMPLES)])
+
+    def judged(limits: FloatArray) -> Judged:
+        if counts:
+            return counted_limits(problem, limits, fresh, last, weights, faults, confidence)
+        return estimated_limits(
+            g, problem, limits, fresh, weights, faults, confidence, record=record, alert=alert, seed=seed,
+            target_cov=target_cov, max_evaluations=max_evaluations,
+        )  # fmt: skip
+
+    rows: list[tuple[str, FloatArray, Judged, int, str]] = [(START, start, judged(start), 0, "")]
+    if effective < _LEAST_EFFECTIVE:
+        doubt = f"the weighted draws of the search degenerate: {effective:.0f} effective ones are behind the risk"
+        rows.append((TUNED, tuned, unknown_limits(doubt), evaluations, note))
+    else:
+        same = bool((tuned == start).all())
+        rows.append((TUNED, tuned, rows[0][2] if same else judged(tuned), evaluations, note))
+    if grid:
+        best, looked = _best_of_grid(problem, start, free, seen, grid, confidence)
+        same = bool((best == start).all())
+        rows.append((GRID, best, rows[0][2] if same else judged(best), looked, ""))
+    table = pd.DataFrame([_row(*row, first=rows[0][2]) for row in rows])
     k0, k1 = (float(value) for value in tuned)
-    table.attrs["method"] = replace(record, k0=k0, k1=k1, k_vertical=found[1].k)
+    k = float(table["k_vertical"].iloc[1])
+    table.attrs["method"] = replace(record, k0=k0, k1=k1, k_vertical=k) if k > 0 else None
     return table
 
 
+def _row(
+    name: str, limits: FloatArray, judged: Judged, evaluations: int, note: str, *, first: Judged
+) -> dict[str, Any]:
+    change = judged.resampled - first.resampled
+    return {
+        "limits": name,
+        "k0": limits[0],
+        "k1": limits[1],
+        "k_vertical": judged.columns["k_vertical"],
+        "objective": judged.objective,
+        "objective_error": float(judged.resampled.std(ddof=1)),
+        "change": judged.objective - first.objective,
+        "change_error": float(change.std(ddof=1)),
+        **judged.columns,
+        "evaluations": evaluations,
+        "warning": "; ".join(filter(None, (note, judged.warning))),
+    }
+
+
+def _descend_weighted(
+    problem: TuningProblem,
+    start: FloatArray,
+    free: NDArray[np.bool_],
+    rng: np.random.Generator,
+    steps: int,
+    draws: int,
+) -> tuple[FloatArray, int, str, WeightedNoise, float]:
+    """The descent over weighted draws, once from every start and once more from where it ended.
+
+    Returns:
+        Limits, scenarios, a note, the last draws, and how many of them are effective behind the multiplier there.
+    """
+    low, high = _bounds(start, free)
+    others = [np.clip(_coordinates(np.array(first), free), low, high) for first in _STARTS]
+    starts = [start, *(_limits(place, start, free) for place in others)]
+    noise, proposals, spent = weighted_noise(problem, starts, rng, draws)
+    tuned, evaluations, _ = _descend(problem, start, free, noise, steps, starts)
+    # Where the search ended nothing was adapted yet.
+    noise, _, more = weighted_noise(problem, [tuned], rng, draws, proposals)
+    tuned, again, note = _descend(problem, start, free, noise, steps, [tuned])
+    effective = problem.effective(tuned, noise)
+    return tuned, spent + evaluations + more + again, note, noise, effective
+
+
 def _descend(
-    problem: TuningProblem, start: FloatArray, free: NDArray[np.bool_], noise: FloatArray, steps: int
+    problem: TuningProblem,
+    start: FloatArray,
+    free: NDArray[np.bool_],
+    noise: FloatArray | WeightedNoise,
+    steps: int,
+    starts: Sequence[FloatArray],
 ) -> tuple[FloatArray, int, str]:
-    """Limits at which the smoothed objective is least near the start, what that cost, and a note."""
+    """Limits at which the smoothed objective is least, of descents from ``starts``; what that cost, and a note."""
     if not free.any():
         return start, 0, ""
     calls = 0
@@ -205,25 +268,31 @@ def _descend(
     low, high = _bounds(start, free)
     runs = [
         optimize.minimize(
-            value, np.clip(_coordinates(np.array(first), free), low, high), jac=True, method="L-BFGS-B",
+            value, np.clip(_coordinates(first, free), low, high), jac=True, method="L-BFGS-B",
             bounds=list(zip(low, high, strict=True)), options={"maxiter": steps, "ftol": 1e-7},
         )
-        for first in (start, *_STARTS)
+        for first in starts
     ]  # fmt: skip
     found = min(runs, key=lambda run: run.fun)
     at_bound = bool((np.isclose(found.x, low) | np.isclose(found.x, high)).any())
     notes = ["at a bound of the search"] if at_bound else []
     notes += [] if found.success else ["the steps ran out"]
     # Two derivatives, each with a value of its own, for every fault and the fault-free case.
-    rows = len(problem.bias_m) + int(problem.bias_m.any(axis=1).all())
-    return _limits(found.x, start, free), 4 * calls * rows * len(noise), "; ".join(notes)
+    return _limits(found.x, start, free), 4 * calls * _scenarios(problem, noise), "; ".join(notes)
+
+
+def _scenarios(problem: TuningProblem, noise: FloatArray | WeightedNoise) -> int:
+    """Scenarios behind one look at the objective."""
+    if isinstance(noise, WeightedNoise):
+        return len(noise.plain) + noise.weight.size
+    return (len(problem.bias_m) + int(problem.bias_m.any(axis=1).all())) * len(noise)
 
 
 def _best_of_grid(
     problem: TuningProblem,
     start: FloatArray,
     free: NDArray[np.bool_],
-    noise: FloatArray,
+    noise: FloatArray | WeightedNoise,
     grid: int,
     confidence: float,
 ) -> tuple[FloatArray, int]:
@@ -238,58 +307,8 @@ def _best_of_grid(
     prices: list[float] = []
     for limits in points:
         drawn = problem.draws(limits, noise)
-        prices.append(_price(problem, _multiplier(drawn, problem.target, confidence), drawn))
-    rows = len(problem.bias_m) + int(problem.bias_m.any(axis=1).all())
-    return points[int(np.argmin(prices))], len(points) * rows * len(noise)
-
-
-def _judge(
-    problem: TuningProblem, limits: FloatArray, noise: FloatArray, weights: NDArray[np.uint8], confidence: float
-) -> _Judged:
-    """The price of limits at the multiplier that keeps the target, with resampled draws for its error."""
-    drawn = problem.draws(limits, noise)
-    rank, _ = order_bounds(len(noise), problem.target, confidence)
-    tail = min(_TAIL_FACTOR * rank + _TAIL_LEAST, len(noise))
-    largest = [np.argsort(-row, kind="stable")[:tail] for row in drawn.log_ratio]
-    resampled = np.empty(len(weights))
-    for sample, weight in enumerate(weights):
-        ranks = [int(np.searchsorted(weight[order].cumsum(dtype=np.int64), rank)) for order in largest]
-        again = max(
-            float(np.exp(row[order[min(at, tail - 1)]]))
-            for row, order, at in zip(drawn.log_ratio, largest, ranks, strict=True)
-        )
-        resampled[sample] = _price(problem, again, drawn, weight)
-    k = _multiplier(drawn, problem.target, confidence)
-    return _Judged(limits, k, _price(problem, k, drawn), resampled)
-
-
-def _multiplier(drawn: Draws, target: float, confidence: float) -> float:
-    """The order statistic that keeps the target with the confidence under each fault."""
-    rank, _ = order_bounds(drawn.log_ratio.shape[1], target, confidence)
-    place = drawn.log_ratio.shape[1] - rank
-    return float(np.exp(max(np.partition(row, place)[place] for row in drawn.log_ratio)))
-
-
-def _price(problem: TuningProblem, k: float, drawn: Draws, weight: NDArray[np.uint8] | None = None) -> float:
-    each = cost(problem.objective, k, drawn.log_unit_m, problem.vertical_m)
-    known = ~np.isnan(each)
-    return float(np.average(each[known], weights=None if weight is None else weight[known]))
-
-
-def _risk(
-    problem: TuningProblem, judged: _Judged, noise: FloatArray, faults: Faults, confidence: float
-) -> dict[str, Any]:
-    """The event's share in draws that neither limits nor multiplier have seen."""
-    ratios = problem.draws(judged.limits, noise).log_ratio
-    events = (ratios > np.log(judged.k)).sum(axis=1)
-    worst = int(events.argmax())
-    low, high = clopper_pearson(int(events[worst]), len(noise), confidence)
-    return {
-        "risk": events[worst] / len(noise),
-        "risk_low": float(low),
-        "risk_high": float(high),
-        "risk_fault": faults.labels[worst],
-    }
+        prices.append(price(problem, multiplier(drawn, problem.target, confidence), drawn.log_unit_m))
+    return points[int(np.argmin(prices))], len(points) * _scenarios(problem, noise)
 
 
 def _coordinates(limits: FloatArray, free: NDArray[np.bool_]) -> FloatArray:

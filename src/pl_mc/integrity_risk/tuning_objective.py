@@ -6,7 +6,9 @@ ratio it has a derivative, and the implicit function theorem gives that of the m
 
     d log K = sum s_i d log r_i / sum s_i,   s_i the steepness of the step at draw i,
 
-the mean change of the ratios near K. The changes of the ratios come through the unrolled iteration.
+the mean change of the ratios near K. The changes of the ratios come through the unrolled iteration. Where the
+target is too rare for plain draws, the ratios are those of draws from another density with their weights, which do
+not depend on the limits: s_i is multiplied by them (`pl_mc.integrity_risk.tuning_draws`).
 """
 
 from __future__ import annotations
@@ -46,12 +48,30 @@ class Draws:
         log_unit_m: (N,), fault-free, VPL for a multiplier of one [m]; infinite where there is an alarm anyway.
         ratio_slopes: (2, f, N), derivatives by k0 and k1; none unless asked for.
         unit_slopes: (2, N), likewise.
+        weight: (f, N), of the ratios, so that those of draws in an event add up to its probability; none where all
+            draws count alike.
     """
 
     log_ratio: FloatArray
     log_unit_m: FloatArray
     ratio_slopes: FloatArray
     unit_slopes: FloatArray
+    weight: FloatArray | None = None
+
+
+@dataclass(frozen=True)
+class WeightedNoise:
+    """Draws for a risk that is too rare for plain ones, and plain ones for the price.
+
+    Attributes:
+        plain: (N, n), whitened noise, for the price.
+        noise: (f, M, n), whitened noise from a proposal of each fault.
+        weight: (f, M), density of the noise over that of the proposal, over M.
+    """
+
+    plain: FloatArray
+    noise: FloatArray
+    weight: FloatArray
 
 
 @dataclass(frozen=True)
@@ -79,13 +99,27 @@ class TuningProblem:
     vertical_m: float
     step: float
 
-    def draws(self, limits: FloatArray, noise: FloatArray, *, slopes: bool = False) -> Draws:
-        """Ratios and levels of whitened noise (N, n) with limits (k0, k1)."""
+    def draws(self, limits: FloatArray, noise: FloatArray | WeightedNoise, *, slopes: bool = False) -> Draws:
+        """Ratios and levels of whitened noise (N, n), or of weighted draws, with limits (k0, k1)."""
+        if isinstance(noise, WeightedNoise):
+            each = zip(self.bias_m, noise.noise, strict=True)
+            ratio = np.stack([self._logs(limits, bias, own, slopes)[:, 0] for bias, own in each], axis=1)
+            unit = self._logs(limits, np.zeros_like(self.sigma_m), noise.plain, slopes)[:, 1]
+            return Draws(ratio[0], unit[0], ratio[1:], unit[1:], noise.weight)
         fault_free = np.flatnonzero(~self.bias_m.any(axis=1))
         biases = self.bias_m if fault_free.size else np.concatenate([self.bias_m, np.zeros((1, len(self.sigma_m)))])
         free = int(fault_free[0]) if fault_free.size else len(self.bias_m)
-        # Value, derivative by k0, derivative by k1.
-        found = np.empty((3 if slopes else 1, 2, len(biases), len(noise)))
+        found = np.stack([self._logs(limits, bias, noise, slopes) for bias in biases], axis=2)
+        ratio, unit = found[:, 0, : len(self.bias_m)], found[:, 1, free]
+        return Draws(ratio[0], unit[0], ratio[1:], unit[1:])
+
+    def log_ratio(self, limits: FloatArray, fault: int, noise: FloatArray) -> FloatArray:
+        """(N,), logarithm of the ratio of whitened noise (N, n) under one of the faults."""
+        return self._logs(limits, self.bias_m[fault], noise, False)[0, 0]
+
+    def _logs(self, limits: FloatArray, bias_m: FloatArray, noise: FloatArray, slopes: bool) -> FloatArray:
+        """(1 or 3, 2, N): values and derivatives by k0 and k1, of ratio and level."""
+        found = np.empty((3 if slopes else 1, 2, len(noise)))
         limits = np.asarray(limits, dtype=np.float64)
         with precision_scope("float64"):
             for begin in range(0, len(noise), _CALL):
@@ -93,28 +127,23 @@ class TuningProblem:
                 here = slice(begin, begin + len(some))
                 whole = np.zeros((_CALL, noise.shape[1]))
                 whole[: len(some)] = some
-                for k, bias in enumerate(biases):
-                    scenario = (
-                        self.design, self.sigma_m, bias, whole, np.float64(self.vertical_m),
-                        np.bool_(self.misleading),
-                    )  # fmt: skip
-                    if not slopes:
-                        values = _values(limits, *scenario, options=self.options)
-                        found[0, :, k, here] = np.asarray(values)[:, : len(some)]
-                        continue
-                    for j, direction in enumerate(np.eye(2)):
-                        part = np.asarray(_with_slope(limits, direction, *scenario, options=self.options))
-                        found[[0, 1 + j], :, k, here] = part[:, :, : len(some)]
-        ratio, unit = found[:, 0, : len(self.bias_m)], found[:, 1, free]
-        return Draws(ratio[0], unit[0], ratio[1:], unit[1:])
+                scenario = (
+                    self.design, self.sigma_m, bias_m, whole, np.float64(self.vertical_m),
+                    np.bool_(self.misleading),
+                )  # fmt: skip
+                if not slopes:
+                    values = _values(limits, *scenario, options=self.options)
+                    found[0, :, here] = np.asarray(values)[:, : len(some)]
+                    continue
+                for j, direction in enumerate(np.eye(2)):
+                    part = np.asarray(_with_slope(limits, direction, *scenario, options=self.options))
+                    found[[0, 1 + j], :, here] = part[:, :, : len(some)]
+        return found
 
-    def smooth(self, limits: FloatArray, noise: FloatArray) -> tuple[float, FloatArray, float]:
+    def smooth(self, limits: FloatArray, noise: FloatArray | WeightedNoise) -> tuple[float, FloatArray, float]:
         """Logarithm of the smoothed objective, its gradient (2,) by k0 and k1, and the multiplier."""
         drawn = self.draws(limits, noise, slopes=True)
-        roots = [self._log_multiplier(row) for row in drawn.log_ratio]
-        worst = int(np.argmax(roots))
-        log_k = roots[worst]
-        steep = _steepness((drawn.log_ratio[worst] - log_k) / self.step)
+        worst, log_k, steep = self._binding(drawn)
         slope = (drawn.ratio_slopes[:, worst] * steep).sum(axis=1) / max(steep.sum(), 1e-300)
         finite = np.isfinite(drawn.log_unit_m)
         unit, by_limits = drawn.log_unit_m[finite], drawn.unit_slopes[:, finite]
@@ -127,14 +156,35 @@ class TuningProblem:
         change = ((slope[:, None] + by_limits) * _steepness(place)).sum(axis=1) / self.step / finite.size
         return float(np.log(max(rate, 1e-300))), change / max(rate, 1e-300), float(np.exp(log_k))
 
-    def _log_multiplier(self, log_ratio: FloatArray) -> float:
+    def effective(self, limits: FloatArray, noise: FloatArray | WeightedNoise) -> float:
+        """Effective number of draws behind the multiplier: (sum s)^2 / sum s^2 of its weighted steepness s."""
+        _, _, steep = self._binding(self.draws(limits, noise))
+        return float(steep.sum() ** 2 / max((steep**2).sum(), 1e-300))
+
+    def _binding(self, drawn: Draws) -> tuple[int, float, FloatArray]:
+        """The fault with the largest multiplier, its logarithm, and the weighted steepness of its draws (N,)."""
+        weights = [None] * len(drawn.log_ratio) if drawn.weight is None else list(drawn.weight)
+        roots = [self._log_multiplier(row, own) for row, own in zip(drawn.log_ratio, weights, strict=True)]
+        worst = int(np.argmax(roots))
+        log_k = roots[worst]
+        steep = _steepness((drawn.log_ratio[worst] - log_k) / self.step)
+        own = weights[worst]
+        # In units of the largest, lest a square be too small for a double.
+        return worst, log_k, steep if own is None else steep * (own / own.max())
+
+    def _log_multiplier(self, log_ratio: FloatArray, weight: FloatArray | None = None) -> float:
         """Where the smoothed share of the draws is the target."""
 
         def surplus(log_k: float) -> float:
-            return float(np.log(special.expit((log_ratio - log_k) / self.step).mean() / self.target))
+            above = special.expit((log_ratio - log_k) / self.step)
+            share = above.mean() if weight is None else (weight * above).sum()
+            return float(np.log(max(share, 1e-300) / self.target))
 
         # At the target's own quantile half of a step is already above: some widths beyond lies the root.
-        middle = float(np.quantile(log_ratio, 1.0 - self.target))
+        if weight is None:
+            middle = float(np.quantile(log_ratio, 1.0 - self.target))
+        else:
+            middle = weighted_quantile(log_ratio, weight, self.target)
         reach = self.step
         while surplus(middle - reach) <= 0.0 and reach < 1e3:
             reach *= 2.0
@@ -142,6 +192,13 @@ class TuningProblem:
         while surplus(middle + far) >= 0.0 and far < 1e3:
             far *= 2.0
         return float(optimize.brentq(surplus, middle - reach, middle + far, xtol=1e-12))
+
+
+def weighted_quantile(values: FloatArray, weight: FloatArray, target: float) -> float:
+    """The value that draws (N,) are above with this probability, by weights that add up to probabilities."""
+    order = np.argsort(-values, kind="stable")
+    place = int(np.searchsorted(np.cumsum(weight[order]), target))
+    return float(values[order[min(place, len(values) - 1)]])
 
 
 def cost(objective: str, k: float, log_unit_m: FloatArray, vertical_m: float) -> FloatArray:

@@ -1,9 +1,11 @@
 """The worst fault: which satellites, of what size and direction, make a dangerous event likeliest.
 
 For least squares this is exact: the worst direction has a closed form and its size is found in one dimension
-(`pl_mc.integrity_risk.ls_exact`). For any other method the event's probability is itself an estimate; the same
-question is then put to the rare-event estimator, fault by fault, first coarsely and then near the top; for pairs,
-of which there are many, after a screening that costs a thousand scenarios for each fault.
+(`pl_mc.integrity_risk.ls_exact`). For any other method the event's probability is itself an estimate. Of one
+satellite curves of it against the size are searched (`pl_mc.integrity_risk.worst_single`); of pairs, which are
+many, the limit state of a thousand draws for each fault, and then the best few
+(`pl_mc.integrity_risk.worst_pairs`). A caller's own estimator is asked fault by fault, first coarsely and then
+near the top (`pl_mc.integrity_risk.worst_search`).
 """
 
 from __future__ import annotations
@@ -32,6 +34,7 @@ from pl_mc.integrity_risk.ls_exact import (
     upper_bound,
     worst_direction,
 )
+from pl_mc.integrity_risk.size_curve import Region
 from pl_mc.integrity_risk.worst_pairs import Screen, screened_table
 from pl_mc.integrity_risk.worst_search import (
     GRID_M,
@@ -44,6 +47,7 @@ from pl_mc.integrity_risk.worst_search import (
     no_events,
     rare_event_estimator,
 )
+from pl_mc.integrity_risk.worst_single import single_table
 from pl_mc.methods import Ls, Method, as_methods
 
 FloatArray = NDArray[np.float64]
@@ -81,11 +85,14 @@ def worst_case(
     For least squares all numbers are exact. The noise has the sigma of the geometry. A fault and its negative are
     equally bad; the one with a positive bias on the first satellite is given.
 
-    For other methods the probability is estimated, fault by fault: a scan with a coefficient of variation of
-    0.5, then three rounds around the best fault of the ``refine`` worst satellites, then a last estimate of these
-    with ``target_cov`` and noise of its own, so that choosing the largest of many estimates does not bias it. The
-    scan of n satellites takes 12 n estimates, some seconds each where the event is rare; a list in ``satellites``
-    shortens it.
+    For other methods the noise is Gaussian too. One satellite at a time: populations of subset simulation at 18
+    sizes from 1 to 150 m on every satellite find the event, and importance sampling from what all of them found
+    gives, from one sample, the curve of its probability over all sizes on a satellite, whether it is 1e-2 or
+    1e-20. Sizes that a sample cannot tell are sampled again. About the best size of the ``refine`` worst
+    satellites a finer curve follows, and there a last estimate by `pl_mc.risk` with ``target_cov`` and noise of
+    its own, so that choosing the largest does not bias it. Nothing bounds what was passed over: parts of the
+    event that no population met, narrow peaks between the sizes, sizes beyond 150 m. All satellites take about
+    two minutes of one core; a list in ``satellites`` shortens it, but fewer populations find less.
 
     Pairs of such a method are screened first: 42 faults of each pair (seven sizes, both relative signs, three
     ratios, and the direction that is worst for least squares) by the limit state of 1024 draws, the same for all;
@@ -108,7 +115,8 @@ def worst_case(
         refine: how many of the worst satellites or pairs per epoch are refined; not used by least squares.
         estimator: a function of faults, coefficient of variation and seed that gives a table with the columns
             ``probability, standard_error, low, high, warning``, one row per fault; it takes the place of the
-            rare-event estimator (and of the exact probability of least squares).
+            rare-event estimator (and of the exact probability of least squares). The search is then a scan of 12
+            sizes with a coefficient of variation of 0.5, three rounds around the best one, and a last estimate.
 
     Returns:
         One row per epoch and satellite or pair, within an epoch the largest probability first: ``epoch, method,
@@ -117,14 +125,15 @@ def worst_case(
         largest probability on the usual grid of 5, 10, ..., 100 m (for pairs both sizes on the grid, with either
         relative sign): ``grid_bias_m`` (or ``grid_bias_1_m, grid_bias_2_m``) and ``grid_probability``. For least
         squares also ``vertical_m``, mean vertical error under the fault [m], ``noncentrality`` of V'PV, and
-        ``alarm_rate``. For other methods also ``refined`` and ``warning``; the grid is what the scan has of it, at
-        the scan's accuracy. A bias is infinite where no residual shows the fault, and missing where the
-        probability is zero: at an epoch without redundancy, which always alarms, or below about 1e-290. Of screened
-        pairs there is no grid; ``stage`` says how far each came (``screened, shortlisted, refined``), ``rough`` is
-        what the screening makes of its probability, without an error, and only a refined pair has a
-        ``probability``. The interval of the others is that of the event's count among the draws of the screening,
-        for their worst fault there. ``table.attrs["evaluations"]`` is the number of scenarios at each stage, summed
-        over the epochs.
+        ``alarm_rate``. For other methods also ``refined`` and ``warning``; the grid is what the search has of it,
+        at the search's accuracy, and so are the numbers of satellites that are not refined. Of single satellites
+        also ``subset_probability, subset_standard_error``, what the second estimator of `pl_mc.risk` found. A
+        bias is infinite where no residual shows the fault, and missing where the probability is zero: at an epoch
+        without redundancy, which always alarms, or below about 1e-290. Of screened pairs there is no grid;
+        ``stage`` says how far each came (``screened, shortlisted, refined``), ``rough`` is what the screening
+        makes of its probability, without an error, and only a refined pair has a ``probability``. The interval of
+        the others is that of the event's count among the draws of the screening, for their worst fault there.
+        ``table.attrs["evaluations"]`` is the number of scenarios at each stage, summed over the epochs.
 
     Raises:
         InputError: unknown names, options outside their range, ``chi2`` for a method other than least squares.
@@ -158,6 +167,12 @@ def worst_case(
                 table = screened_table(
                     one, groups, guesses, screen, estimate, target_cov=target_cov, refine=refine, seed=seed
                 )
+            elif estimator is None and epoch.available:
+                region = Region.of(one, chosen, event, alert)
+                rows = [group[0] for group in groups]
+                table = single_table(
+                    one, rows, region, estimate, target_cov=target_cov, refine=refine, seed=seed
+                )  # fmt: skip
             else:
                 table = estimated_table(one, groups, estimate, target_cov=target_cov, refine=refine, seed=seed)
         table.insert(0, "epoch", int(one.epoch))

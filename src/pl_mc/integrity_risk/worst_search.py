@@ -152,8 +152,19 @@ def climb_faults(
     return bias_m
 
 
-def estimates(g: Geometry, bias_m: FloatArray, estimate: Estimator, target_cov: float, seed: int) -> pd.DataFrame:
-    """One row per fault (f, n); a probability is missing where the estimator has none to give."""
+def estimates(
+    g: Geometry,
+    bias_m: FloatArray,
+    estimate: Estimator,
+    target_cov: float,
+    seed: int,
+    *,
+    also: Sequence[str] = (),
+) -> pd.DataFrame:
+    """One row per fault (f, n); a probability is missing where the estimator has none to give.
+
+    Columns ``also`` are kept besides those of every estimator.
+    """
     columns = ["probability", "standard_error", "low", "high", "warning"]
     if not len(bias_m):
         return pd.DataFrame({name: pd.Series(dtype=object if name == "warning" else float) for name in columns})
@@ -164,7 +175,7 @@ def estimates(g: Geometry, bias_m: FloatArray, estimate: Estimator, target_cov: 
             f"estimator: one row for each of {len(bias_m)} faults with {', '.join(columns)} is needed, not "
             f"{len(table)} rows with {', '.join(map(str, table.columns))}."
         )
-    table = table[columns].reset_index(drop=True)
+    table = table[[*columns, *also]].reset_index(drop=True)
     notes = table["warning"].fillna("")
     table["warning"] = notes.mask((notes == "") & table["probability"].isna(), NO_ESTIMATE)
     return table.astype(dict.fromkeys(columns[:-1], float))

@@ -57,8 +57,14 @@ class Nioraim:
     sqrt(r_i), and the weights make the largest of them small. That is Chebyshev's problem min max |s_i| / sqrt(r_i)
     with s A = e_q, whose dual min sum sqrt(r_i) |a_i'u| with u_q = 1 is solved by least squares with weights
     sqrt(r_i) / |a_i'u|: each weight is divided by its slope, a fixed number of times, and the best weights met are
-    used (those of least squares are the first). It is done once for a geometry. How the weights are found is this
-    file's own; the levels, the test and the aim are Hwang & Brown's.
+    used (those of least squares are the first). It is done once for a geometry.
+
+    Of Hwang & Brown's papers only an abstract was at hand, and a patent text on the same method
+    ("Integrity-Optimized Receiver Autonomous Integrity Monitoring"): the aim, the estimator (H'VH)^-1 H'V z with a
+    diagonal V, and a test by the parity vector, with covariance sigma^2 I, that the weights leave alone, are from
+    there. How the weights are found, and the levels, are this file's own: theirs evaluate a horizontal limit with
+    the noise of the suboptimal position by precomputed tables; here the levels are the forms of
+    `pl_mc.methods.raim_levels`.
 
     The price is a larger standard deviation of the position, which only the forms with noise hold against the
     weights. An alarm means that V'PV exceeds its threshold, or levels beyond VAL.

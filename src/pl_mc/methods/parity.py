@@ -47,12 +47,17 @@ class Prepared:
 
 @dataclass(frozen=True)
 class Parity:
-    """Parity-space RAIM (Sturza 1988): p = Q z with Q A = 0 and Q Q' = I; |p|^2 > T rejects.
+    """Parity-space RAIM (after Sturza 1988): p = Q z with Q A = 0 and Q Q' = I; |p|^2 > T rejects.
 
     Q'Q = R, so |p|^2 is V'PV and the test is the chi-square test of the residuals, draw by draw; the column of
     satellite i has the length sqrt(r_i), a fault moves p along it, and the error per length of p is the slope
     |G_q,i| / |Q_i|. The default level is that of the fault's line: slope times sqrt(T) + Q^-1(p_md), which a single
     fault with a larger mean error is missed with less than p_md, since |p| is at least its projection on the line.
+
+    Sturza's paper ("Navigation system integrity monitoring using redundant measurements", Navigation 35:483-501)
+    was not at hand; transformation, test and identification are those that later texts give under its name, and
+    that they are the residuals' own chi-square test and Baarda's w follows from the algebra above. The level of
+    the fault's line and the rules of ``exclude`` are this file's own.
 
     With ``exclude`` the satellite whose column lies best along p (the largest |p . Q_i| / |Q_i|, which is Baarda's
     w) is left out, if the rest passes its own test; the levels are then those of the rest.

@@ -40,7 +40,7 @@ class Prepared:
 
 @dataclass(frozen=True)
 class RangeComparison:
-    """Range comparison (Lee 1986): a range that differs too much from its prediction rejects.
+    """Range comparison (after Lee 1986): a range that differs too much from its prediction rejects.
 
     ``minimal``: t satellites determine the unknowns and predict the ranges of the n - t others, d = z_s - A_s
     A_b^-1 z_b, with covariance I + A_s (A_b'A_b)^-1 A_s' (in units of sigma). Which ones serve as the base is
@@ -53,6 +53,11 @@ class RangeComparison:
     Levels: a fault of whitened size b moves comparison j by C_ji b; b_i is the size at which its largest one is
     found with probability 1 - p_md, (threshold + Q^-1(p_md)) / max_j |C_ji|, and PL = max |G_q,i| b_i. A fault with
     a larger mean error is missed with less than p_md; the noise of the position is neglected.
+
+    Lee's paper ("Analysis of range and position comparison methods as a means to provide GPS integrity in the user
+    receiver", ION Annual Meeting 1986) was not at hand. The idea, to compare ranges with those that a solution from
+    other satellites predicts, is from works that cite it; the choice of the base, the standardisation, the shares
+    of the false alarms and the levels are this file's own reading.
 
     An alarm means that some comparison rejects, or levels beyond VAL. Where a satellite moves the position and no
     comparison sees it there is no solution.

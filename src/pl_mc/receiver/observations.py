@@ -33,6 +33,9 @@ LARGEST_HEADER_DISTANCE_M = 1e5
 # Errors of this size are no receiver noise: a jump, a fault, or a damaged digit. They are data all the same.
 GROSS_ERROR_M = 1e3
 
+# Near the horizon the atmosphere delays by some hundred metres; more is an orbit or a pseudorange that is damaged.
+_MISFIT_M = 1e4
+
 _NAMED_AT_MOST = 8
 
 
@@ -73,7 +76,7 @@ def read_receiver_series(
     elevation of at least the mask.
 
     Args:
-        obs_path, nav_path: RINEX 3 files, see `pl_mc.receiver.rinex.read_rinex`.
+        obs_path, nav_path: RINEX files, see `pl_mc.receiver.rinex.read_rinex`.
         truth: the true position or track, see `pl_mc.receiver.truth.read_truth`.
         systems: RINEX letters, G and C; clock columns come in this order.
         mask_deg: lowest elevation [deg].
@@ -121,8 +124,10 @@ def read_receiver_series(
     sigma_m = np.ones(in_view.shape)
     sigma_m[in_view] = model.sigma_m(sky)
     delay_m = _atmosphere_m(data, data.time_gps_s[known][row], column, sky, height[row])
+    raw_m = pseudorange_m - range_m + data.satellite_clock_m[known]
     error_m = np.zeros(in_view.shape)
-    error_m[in_view] = (pseudorange_m - range_m + data.satellite_clock_m[known])[in_view] - delay_m
+    error_m[in_view] = raw_m[in_view] - delay_m
+    misfit = _misfit_below(raw_m, plausible, in_view, data.systems)
     error_m = _without_medians(error_m, in_view, data.systems)
 
     clock = np.array([[float(letter == system) for system in systems] for letter in data.systems])
@@ -139,8 +144,11 @@ def read_receiver_series(
     )
     kept = np.array([data.names.index(name) for name in g.names])
     packed = np.where(g.in_view, np.take_along_axis(error_m[:, kept], g.satellite, axis=1), 0.0)
-    notes = (*_epoch_notes(data, known, in_view, systems), *_satellite_notes(data, known, plausible, error_m))
-    return ReceiverSeries(geometry=g, errors_m=packed, truth_m=truth_m, notes=notes)
+    notes = (
+        *_epoch_notes(data, known, in_view, systems),
+        *_satellite_notes(data, known, plausible, misfit, error_m),
+    )
+    return ReceiverSeries(geometry=g, errors_m=packed, truth_m=truth_m, notes=tuple(notes))
 
 
 def _atmosphere_m(
@@ -175,6 +183,22 @@ def _without_medians(
         median[some] = np.nanmedian(np.where(mine, error_m, np.nan)[some], axis=1)
         result = np.where(mine, result - median[:, None], result)
     return result
+
+
+def _misfit_below(
+    raw_m: NDArray[np.float64], plausible: NDArray[np.bool_], in_view: NDArray[np.bool_], systems: Sequence[str]
+) -> NDArray[np.bool_]:
+    """Which satellites below the mask have a pseudorange that no clock common to their system explains."""
+    misfit = np.zeros(in_view.shape, dtype=bool)
+    for letter in set(systems):
+        mine = np.array(systems) == letter
+        some = (in_view & mine).any(axis=1)
+        if not some.any():
+            continue
+        clock_m = np.nanmedian(np.where(in_view & mine, raw_m, np.nan)[some], axis=1)
+        below = plausible & mine & ~in_view & np.isfinite(raw_m)
+        misfit[some] |= below[some] & (np.abs(np.nan_to_num(raw_m[some]) - clock_m[:, None]) > _MISFIT_M)
+    return misfit
 
 
 def _require_usable_truth(
@@ -223,7 +247,11 @@ def _epoch_notes(
 
 
 def _satellite_notes(
-    data: ReceiverData, known: NDArray[np.bool_], plausible: NDArray[np.bool_], error_m: NDArray[np.float64]
+    data: ReceiverData,
+    known: NDArray[np.bool_],
+    plausible: NDArray[np.bool_],
+    misfit: NDArray[np.bool_],
+    error_m: NDArray[np.float64],
 ) -> list[str]:
     observed = np.isfinite(data.pseudorange_m[known])
     low, high = PLAUSIBLE_PSEUDORANGE_M
@@ -231,6 +259,7 @@ def _satellite_notes(
         ("left out as unhealthy", data.unhealthy[known]),
         ("left out for want of a usable ephemeris", data.no_ephemeris[known]),
         (f"left out for a pseudorange outside {low:.3g} to {high:.3g} m", observed & ~plausible),
+        ("left out below the mask, where the ephemeris puts it but not its pseudorange", misfit),
         (f"kept in spite of an error of more than {GROSS_ERROR_M:g} m", np.abs(error_m) > GROSS_ERROR_M),
     )
     return [f"{_counted(data.names, where.sum(axis=0))}: {what}." for what, where in reasons if where.any()]

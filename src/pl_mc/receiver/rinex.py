@@ -1,7 +1,8 @@
-"""RINEX 3 observation and navigation files as plain arrays: pseudoranges, satellite positions, satellite clocks.
+"""RINEX observation and navigation files as plain arrays: pseudoranges, satellite positions, satellite clocks.
 
-The files are checked in Python (`pl_mc.receiver.rinex_text`) and evaluated by RTKLIB in a process of its own with
-a time limit (`pl_mc.receiver.rtklib_worker`), so that no file can crash or stall the analysis.
+RINEX 2.11, 3 and 4 are checked in Python and brought to one form (`pl_mc.receiver.observation_records`,
+`pl_mc.receiver.navigation_records`), which RTKLIB evaluates in a process of its own with a time limit
+(`pl_mc.receiver.rtklib_worker`), so that no file can crash or stall the analysis.
 """
 
 from __future__ import annotations
@@ -20,14 +21,9 @@ from numpy.typing import NDArray
 from pl_mc.geometry.record import SYSTEM_NAMES
 from pl_mc.input_errors import InputError
 from pl_mc.receiver import rtklib_worker as worker
-from pl_mc.receiver.rinex_text import (
-    PSEUDORANGE_CODES,
-    checked_navigation,
-    checked_observations,
-    header_position_m,
-    read_rinex_text,
-    require_systems,
-)
+from pl_mc.receiver.navigation_records import checked_navigation
+from pl_mc.receiver.observation_records import checked_observations
+from pl_mc.receiver.rinex_text import PSEUDORANGE_CODES, header_position_m, read_rinex_text, require_systems
 
 SYSTEMS = tuple(PSEUDORANGE_CODES)
 
@@ -39,6 +35,13 @@ _ORBIT_RADIUS_M = (1.9e7, 4.5e7)
 # inclined by under 10 degrees, the inclined ones by 55 (BDS-SIS-ICD-2.1, section 3.1).
 _SYNCHRONOUS_AXIS_M = 3.5e7
 _GEO_INCLINATION_RAD = np.radians(20.0)
+
+# Where each version has the ionosphere coefficients.
+_IONOSPHERE = {
+    2: "ION ALPHA and ION BETA in its header",
+    3: "IONOSPHERIC CORR, GPSA and GPSB, in its header",
+    4: "a record > ION G.. LNAV",
+}
 
 # Time that reading may take: some seconds for the start, and many times the usual speed for the rest.
 _START_LIMIT_S, _LIMIT_S_PER_MEGABYTE = 30.0, 5.0
@@ -82,14 +85,17 @@ class ReceiverData:
 def read_rinex(
     observation_path: str | Path, navigation_path: str | Path, *, systems: Sequence[str] = SYSTEMS
 ) -> ReceiverData:
-    """Read a pair of RINEX 3 files; plain, ``.gz``, and the observations also Hatanaka-compressed.
+    """Read a pair of RINEX files; plain, ``.gz``, and the observations also Hatanaka-compressed.
+
+    Versions 2.10 and 2.11 (GPS alone), 3 and 4 are read; the two files may be of different ones.
 
     Of the ephemerides of a satellite the one with the nearest reference time toe counts, within 2 h (GPS and
     BeiDou alike). GPS time is BeiDou time plus 14 s.
 
     Args:
         observation_path, navigation_path: the files.
-        systems: RINEX letters; G (GPS, code C1C) and C (BeiDou, code C2I or C1I) are read.
+        systems: RINEX letters; G (GPS, code C1C; in RINEX 2 C1, or P1 where a file has no C1) and C (BeiDou, code
+            C2I or C1I) are read.
 
     Raises:
         InputError: a file that is missing, cut short, damaged, of another kind or version, or of another day; a
@@ -99,7 +105,7 @@ def read_rinex(
     observations = read_rinex_text(observation_path, "observation")
     navigation = read_rinex_text(navigation_path, "navigation")
     require_systems(observations, letters)
-    observation_text, epochs = checked_observations(observations)
+    observation_text, epochs = checked_observations(observations, letters)
     arrays = _evaluate(
         observations.path, observation_text, navigation.path, checked_navigation(navigation, letters), letters
     )
@@ -111,7 +117,7 @@ def read_rinex(
     _require_same_days(pair, arrays)
     if not (arrays["alpha"].any() and arrays["beta"].any()):
         raise InputError(
-            f"{navigation.path}: its header lacks the GPS ionosphere coefficients (IONOSPHERIC CORR, GPSA, GPSB)."
+            f"{navigation.path}: it lacks the GPS ionosphere coefficients ({_IONOSPHERE[navigation.generation]})."
         )
     radius_m = np.linalg.norm(arrays["position_m"], axis=-1)
     placed = (radius_m > _ORBIT_RADIUS_M[0]) & (radius_m < _ORBIT_RADIUS_M[1]) & np.isfinite(arrays["clock_m"])
@@ -168,8 +174,6 @@ def _evaluate(
         except subprocess.TimeoutExpired:
             raise InputError(f"{pair}: reading them was given up after {limit_s:.0f} s; is one damaged?") from None
         message = done.stderr.decode("utf-8", "replace").strip()
-        if done.returncode == worker.EXIT_REPEATED:
-            raise InputError(f"{observation_path}: {message} appears twice in one epoch.")
         if done.returncode == worker.EXIT_NO_LIBRARY:
             raise InputError(f"receiver files: the library pyrtklib cannot be loaded here ({message}).")
         if done.returncode != 0:

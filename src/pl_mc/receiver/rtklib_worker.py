@@ -30,11 +30,6 @@ ABSENT, USABLE, NO_EPHEMERIS, UNHEALTHY = 0, 1, 2, 3
 _GPS_EPOCH_S = 315_964_800
 
 EXIT_NO_LIBRARY = 3
-EXIT_REPEATED = 4
-
-
-class RepeatedSatelliteError(Exception):
-    """A satellite appears twice in one epoch; the message names it."""
 
 
 def main(arguments: list[str]) -> int:
@@ -45,11 +40,7 @@ def main(arguments: list[str]) -> int:
     except ImportError as error:
         sys.stderr.write(str(error))
         return EXIT_NO_LIBRARY
-    try:
-        arrays: dict[str, Any] = evaluate(pyrtklib, observation_path, navigation_path, systems)
-    except RepeatedSatelliteError as error:
-        sys.stderr.write(str(error))
-        return EXIT_REPEATED
+    arrays: dict[str, Any] = evaluate(pyrtklib, observation_path, navigation_path, systems)
     np.savez(result_path, **arrays)
     return 0
 
@@ -59,7 +50,7 @@ def evaluate(rtklib: Any, observation_path: str, navigation_path: str, systems: 
 
     Args:
         rtklib: the library.
-        observation_path, navigation_path: plain RINEX 3 files.
+        observation_path, navigation_path: plain RINEX 3 files, no satellite twice in an epoch.
         systems: RINEX letters of the systems to keep.
 
     Returns:
@@ -81,10 +72,6 @@ def evaluate(rtklib: Any, observation_path: str, navigation_path: str, systems: 
     # RTKLIB numbers satellites system by system, so that this order is G01, G02, ..., C01, C02, ...
     names = [_name(rtklib, int(number)) for number in numbers]
     shape = (epoch_s.size, numbers.size)
-    cell = epoch_of * max(numbers.size, 1) + column_of
-    repeated = np.flatnonzero(np.bincount(cell, minlength=1) > 1)
-    if repeated.size:
-        raise RepeatedSatelliteError(names[int(repeated[0]) % numbers.size])
 
     result: dict[str, NDArray] = {
         "time_gps_s": epoch_s,

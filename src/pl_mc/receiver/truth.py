@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-import gzip
-import zlib
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -12,7 +10,8 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from pl_mc.geometry.frames import from_geodetic
-from pl_mc.input_errors import InputError
+from pl_mc.input_errors import InputError, shown
+from pl_mc.receiver.unpacking import read_unzipped
 
 # A receiver is on the ground, at sea or in the air: from below the radius at the poles to well above the equator.
 LOWEST_RADIUS_M, HIGHEST_RADIUS_M = 6_300_000.0, 6_500_000.0
@@ -20,10 +19,14 @@ LOWEST_RADIUS_M, HIGHEST_RADIUS_M = 6_300_000.0, 6_500_000.0
 # Track samples further apart than this are a gap, across which nothing is interpolated.
 LONGEST_STEP_S = 2.0
 
+# No receiver in the air is faster; positions may scatter by more than their speed within a short step.
+FASTEST_M_S, _SMALLEST_JUMP_M = 2_000.0, 1_000.0
+
 # Times of a 1 Hz track and of receiver epochs agree to rounding error.
 _SAME_TIME_S = 1e-6
 
 SECONDS_PER_WEEK = 604_800.0
+_LAST_WEEK = 9999.0
 
 _XYZ_COLUMNS = ("time_gps_s", "x_m", "y_m", "z_m")
 
@@ -80,13 +83,16 @@ def read_truth(text: str) -> Truth:
         InputError: neither of both, a file that cannot be read (with its line), or a position away from the
             Earth's surface.
     """
+    if not isinstance(text, str):
+        raise InputError(f"truth: X,Y,Z or the path of a track is needed, as text, not {shown(text)}.")
     if text.strip().lower().endswith((".csv", ".csv.gz")):
         return _read_track(Path(text.strip()))
     parts = text.split(",")
     numbers = [_number(part) for part in parts]
     if len(parts) != 3 or any(number is None for number in numbers):
         raise InputError(
-            f"truth: {text!r} is neither X,Y,Z (three Earth-fixed metres) nor the path of a .csv or .csv.gz track."
+            f"truth: {shown(text)} is neither X,Y,Z (three Earth-fixed metres) nor the path of a .csv or .csv.gz "
+            "track."
         )
     position = np.array(numbers, dtype=float)
     _require_near_surface(position, "truth")
@@ -95,6 +101,7 @@ def read_truth(text: str) -> Truth:
 
 def _read_track(path: Path) -> Truth:
     lines = _lines(path)
+    _require_whole_end(path, lines)
     rows: list[list[float]] = []
     times: list[float] = []
     columns: tuple[str, ...] | None = None
@@ -111,6 +118,7 @@ def _read_track(path: Path) -> Truth:
         time_s, values = _sample(path, count, fields, columns)
         if times and time_s <= times[-1]:
             raise InputError(f"{path}, line {count}: its time does not follow that of the line before.")
+        _require_possible_step(path, count, times, rows, time_s, values, geodetic=columns != _XYZ_COLUMNS)
         times.append(time_s)
         rows.append(values)
     if not times:
@@ -125,20 +133,18 @@ def _read_track(path: Path) -> Truth:
 
 def _lines(path: Path) -> list[str]:
     try:
-        content = path.read_bytes()
-        if content.startswith(b"\x1f\x8b"):
-            content = gzip.decompress(content)
-        return content.decode("utf-8-sig").splitlines()
-    except FileNotFoundError:
-        raise InputError(f"{path}: there is no such file.") from None
-    except (EOFError, zlib.error, gzip.BadGzipFile):
-        raise InputError(f"{path}: the gzip file is cut short or damaged.") from None
-    except OSError as error:
-        raise InputError(f"{path}: it cannot be read ({error.strerror}).") from None
+        return read_unzipped(path).decode("utf-8-sig").replace("\r\n", "\n").replace("\r", "\n").split("\n")
     except UnicodeDecodeError:
         raise InputError(f"{path}: it is not a text file; a track is a CSV file.") from None
-    except ValueError:
-        raise InputError(f"{str(path)!r}: this cannot be the name of a file.") from None
+
+
+def _require_whole_end(path: Path, lines: Sequence[str]) -> None:
+    """Raise `InputError` where the last line has no end and its last number fewer decimals than the one before."""
+    if len(lines) < 2 or not lines[-1].strip():
+        return
+    decimals = [len(line.rpartition(".")[2]) if "." in line.rpartition(",")[2] else 0 for line in lines[-2:]]
+    if decimals[1] < decimals[0] and not lines[-2].startswith("#"):
+        raise InputError(f"{path}: the file is cut short in its last line, {len(lines)}.")
 
 
 def _columns(path: Path, count: int, fields: Sequence[str]) -> tuple[tuple[str, ...], bool]:
@@ -164,11 +170,13 @@ def _sample(path: Path, count: int, fields: Sequence[str], columns: tuple[str, .
         numbers.append(number)
     where = f"{path}, line {count}"
     if columns == _XYZ_COLUMNS:
+        if not 0.0 <= numbers[0] < _LAST_WEEK * SECONDS_PER_WEEK:
+            raise InputError(f"{where}: the time_gps_s {numbers[0]:g} is outside GPS weeks 0 to {_LAST_WEEK:g}.")
         _require_near_surface(np.array(numbers[1:]), where)
         return numbers[0], numbers[1:]
     week, seconds, *geodetic = numbers
     for name, value, low, high in (
-        ("GPS week", week, 0.0, 9999.0),
+        ("GPS week", week, 0.0, _LAST_WEEK),
         ("seconds of week", seconds, 0.0, SECONDS_PER_WEEK),
         ("latitude", geodetic[0], -90.0, 90.0),
         ("longitude", geodetic[1], -180.0, 360.0),
@@ -181,9 +189,34 @@ def _sample(path: Path, count: int, fields: Sequence[str], columns: tuple[str, .
     return week * SECONDS_PER_WEEK + seconds, geodetic
 
 
+def _require_possible_step(
+    path: Path,
+    count: int,
+    times: Sequence[float],
+    rows: Sequence[Sequence[float]],
+    time_s: float,
+    values: Sequence[float],
+    *,
+    geodetic: bool,
+) -> None:
+    """Raise `InputError` where a track goes faster from its last sample to this one than anything that flies."""
+    if not times:
+        return
+    ends = np.array([rows[-1], values])
+    if geodetic:
+        ends = from_geodetic(np.radians(ends[:, 0]), np.radians(ends[:, 1]), ends[:, 2])
+    distance_m = float(np.linalg.norm(ends[1] - ends[0]))
+    if distance_m > FASTEST_M_S * (time_s - times[-1]) + _SMALLEST_JUMP_M:
+        raise InputError(
+            f"{path}, line {count}: the track jumps by {distance_m / 1e3:.6g} km within {time_s - times[-1]:g} s; "
+            "one of the two positions is damaged."
+        )
+
+
 def _require_near_surface(position_m: NDArray[np.float64], where: str) -> None:
     """Raise `InputError`, with the likely cause, unless the position is on the ground or in the air."""
-    radius_m = float(np.linalg.norm(position_m))
+    # Clipped, so that the square of an enormous figure is a number.
+    radius_m = float(np.linalg.norm(np.clip(position_m, -1e100, 1e100)))
     if LOWEST_RADIUS_M <= radius_m <= HIGHEST_RADIUS_M:
         return
     if LOWEST_RADIUS_M <= 1e3 * radius_m <= HIGHEST_RADIUS_M:
@@ -199,9 +232,9 @@ def _require_near_surface(position_m: NDArray[np.float64], where: str) -> None:
 
 
 def _number(text: str) -> float | None:
-    """``text`` as a finite number, None if it is none."""
+    """``text`` as a finite number, None if it is none; digits of other alphabets and underscores are none."""
     try:
-        value = float(text)
+        value = float(text) if text.isascii() and "_" not in text else np.nan
     except ValueError:
         return None
     return value if np.isfinite(value) else None

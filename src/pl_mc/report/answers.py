@@ -24,6 +24,7 @@ from pl_mc.report.sweep_answers import (
     variants_answer,
 )
 from pl_mc.report.time_ramps_text import time_ramps_answer
+from pl_mc.report.tuning_text import tuning_answer
 
 ANSWERS: dict[str, Callable[[RunFolder], tuple[str, ...]]] = {
     "compare": compare_answer,
@@ -39,6 +40,7 @@ ANSWERS: dict[str, Callable[[RunFolder], tuple[str, ...]]] = {
     "stanford": stanford_answer,
     "sweep": sweep_answer,
     "time-ramps": time_ramps_answer,
+    "tuning": tuning_answer,
     "variants": variants_answer,
 }
 
@@ -65,6 +67,7 @@ QUESTIONS: dict[str, str] = {
     "sweep": "How often does each method alarm, mislead or miss, fault by fault?",
     "time-ramps": "How long does an error that grows on one satellite stay unseen, by tests of single epochs and "
     "by sequential ones?",
+    "tuning": "Can the limits of IGG-III be chosen so that its level costs less at the same risk?",
     "variants": "Which choice within IGG-III decides how often it alarms, misleads, misses or throws out good "
     "satellites?",
 }

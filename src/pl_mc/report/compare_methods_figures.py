@@ -15,12 +15,12 @@ from pl_mc.alert import AlertLimits
 from pl_mc.report.figures import in_common_look, new_figure, series_style
 from pl_mc.statistics.intervals import clopper_pearson
 
-_HEADINGS = {
+HEADINGS = {
     "alarm": "P(alarm), VAL {alert.vertical_m:g} m",
     "missed": "P(|vertical error| > VAL, no alarm)",
     "misleading": "P(|vertical error| > VPL, no alarm)",
 }
-_COLOURS = "viridis_r"
+COLOURS = "viridis_r"
 
 # Curves beyond this number have open markers.
 _STYLES = 6
@@ -67,27 +67,27 @@ def comparison_figure(rates: pd.DataFrame, overview: pd.DataFrame, *, alert: Ale
     figure.suptitle(title, x=0.01, ha="left", fontsize=11)
     draws = int(rates.draws.min())
     norm = LogNorm(1.0 / draws, 1.0)
-    for panel, (event, heading) in zip(axes[:3], _HEADINGS.items(), strict=True):
+    for panel, (event, heading) in zip(axes[:3], HEADINGS.items(), strict=True):
         table = rates.pivot(index="method", columns="fault", values=f"{event}_rate").loc[methods, faults]
-        _map(panel, table.to_numpy(), norm)
+        event_map(panel, table.to_numpy(), norm)
         step = max(1, round((len(faults) - 1) / 5))
         panel.set_xticks(range(0, len(faults), step), [f"{value:g}" for value in bias[::step]])
         panel.set(xlabel="bias [m]")
         panel.set_title(heading.format(alert=alert), fontsize=9.5)
     bar = figure.colorbar(
-        ScalarMappable(norm=norm, cmap=_COLOURS), ax=axes[:3], location="bottom", shrink=0.5, aspect=50, pad=0.02
+        ScalarMappable(norm=norm, cmap=COLOURS), ax=axes[:3], location="bottom", shrink=0.5, aspect=50, pad=0.02
     )
     bar.set_label(f"share of {draws:,} draws; white: none (95 % upper bound {clopper_pearson(0, draws)[1]:.1e})")
     bar.outline.set_visible(False)
     axes[0].set_yticks(range(len(methods)), methods, fontsize=8.5)
     axes[0].set_ylim(len(methods) - 0.5, -0.5)
-    _shares(axes[3], overview.set_index("method").loc[methods])
+    share_bars(axes[3], overview.set_index("method").loc[methods])
     return figure
 
 
-def _map(panel: Axes, values: np.ndarray, norm: LogNorm) -> None:
+def event_map(panel: Axes, values: np.ndarray, norm: LogNorm) -> None:
     shown = np.ma.masked_less_equal(values, 0.0)
-    panel.imshow(shown, aspect="auto", norm=norm, cmap=_COLOURS, interpolation="nearest")
+    panel.imshow(shown, aspect="auto", norm=norm, cmap=COLOURS, interpolation="nearest")
     panel.grid(visible=False)
     panel.set_xticks(np.arange(-0.5, values.shape[1]), minor=True)
     panel.set_yticks(np.arange(-0.5, values.shape[0]), minor=True)
@@ -97,7 +97,7 @@ def _map(panel: Axes, values: np.ndarray, norm: LogNorm) -> None:
         panel.spines[edge].set_visible(False)
 
 
-def _shares(panel: Axes, rows: pd.DataFrame) -> None:
+def share_bars(panel: Axes, rows: pd.DataFrame) -> None:
     """Availability as bars with its number; bounds would be narrower than a line."""
     place = np.arange(len(rows))
     panel.barh(place, rows.availability, height=0.62, color="0.78")
@@ -131,7 +131,7 @@ def equal_figure(tables: EqualTables, *, alert: AlertLimits, title: str) -> Figu
             panel.errorbar(
                 rows.bias_m, rate, yerr=np.maximum(spread, 0.0), linestyle=style.line, marker=style.marker,
                 markersize=4.5, color=style.colour, markerfacecolor="white" if number >= _STYLES else style.colour,
-                linewidth=1.2, capsize=2, label=",\n".join(_short(name) for name in joined.split(",\n")),
+                linewidth=1.2, capsize=2, label=",\n".join(short_name(name) for name in joined.split(",\n")),
             )  # fmt: skip
         unseen = float(clopper_pearson(0, draws)[1])
         panel.axhline(unseen, color="0.55", linewidth=0.8, linestyle=(0, (5, 3)))
@@ -144,11 +144,11 @@ def equal_figure(tables: EqualTables, *, alert: AlertLimits, title: str) -> Figu
     panels[1].set(xlabel="bias [m]")
     panels[0].axhline(tables.p_fa, color="0.15", linewidth=1.0, linestyle=":")
     panels[0].set_title("P(alarm); dotted: the false-alarm rate")
-    panels[1].set_title(_HEADINGS["misleading"])
+    panels[1].set_title(HEADINGS["misleading"])
     return figure
 
 
-def _short(name: str) -> str:
+def short_name(name: str) -> str:
     """A name without the settings that give it its false-alarm rate, which the table has."""
     base, _, options = name.partition("(")
     kept = [one for one in options.removesuffix(")").split(",") if one and not one.startswith(("p_fa=", "alpha="))]

@@ -45,6 +45,7 @@ _CAPTIONS = (
     (r"time_to_alert", "Error at the alarm, and its delay after the hazard begins, by the rate of the ramp."),
     (r"late_alerts", "How often the alarm comes later than 6, 10 and 30 s after the hazard begins."),
     (r"methods", "Rates of events by method and bias, and availability."),
+    (r"tuning", "Mean level and fault-free alarms of default and tuned limits, each with the multiplier it needs."),
     (r"tests", "Detection rates of the tests at one false-alarm rate."),
     (r"sky", "Ways of the satellites over one site."),
     (r"variants_(\w+)", "Every variant at the {0} geometry: rates against the bias."),

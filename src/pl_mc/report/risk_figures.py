@@ -168,6 +168,7 @@ def worst_figure(worst: pd.DataFrame, *, alert: AlertLimits, title: str) -> Figu
     for panel, event in zip(axes, events, strict=True):
         panel.set_xscale("log")
         floor = np.inf
+        lost: list[str] = []
         for k, method in enumerate(methods):
             rows = worst[(worst.event == event) & (worst.method == method)]
             style = series_style(k)
@@ -180,8 +181,10 @@ def worst_figure(worst: pd.DataFrame, *, alert: AlertLimits, title: str) -> Figu
                 shown.grid_probability.where(shown.grid_probability > SMALLEST), y, linestyle="none", marker="|",
                 markersize=7, color=style.colour, label=f"{method_label(method)}, largest of 5, 10, ..., 100 m",
             )  # fmt: skip
+            # Open marks: with a warning, or the largest that a search saw without an estimate of its own.
+            rough = (shown.warning != "") | ~shown.refined.fillna(method == "ls").astype(bool)
             for doubtful, fill in ((False, style.colour), (True, "white")):
-                at = ((shown.warning != "") == doubtful).to_numpy()
+                at = (rough == doubtful).to_numpy()
                 if not at.any():
                     continue
                 part = shown[at]
@@ -189,7 +192,7 @@ def worst_figure(worst: pd.DataFrame, *, alert: AlertLimits, title: str) -> Figu
                 panel.errorbar(
                     part.probability, y[at], xerr=spread, linestyle="none", marker=style.marker, markersize=5.5,
                     markerfacecolor=fill, color=style.colour, linewidth=1.2,
-                    label=f"{method_label(method)}, worst bias" + (", with a warning" if doubtful else ""),
+                    label=f"{method_label(method)}, worst bias" + (", rough or with a warning" if doubtful else ""),
                 )  # fmt: skip
             for (_, row), height in zip(shown.iterrows(), y, strict=True):
                 size = "any" if not np.isfinite(row.bias_m) else f"{row.bias_m:.1f} m" if row.bias_m else "no bias"
@@ -197,21 +200,23 @@ def worst_figure(worst: pd.DataFrame, *, alert: AlertLimits, title: str) -> Figu
                     size, (max(row.high, row.probability), height), xytext=(6, 0), textcoords="offset points",
                     va="center", fontsize=7, color=style.colour,
                 )  # fmt: skip
-            missing = len(rows) - len(shown)
-            if missing:
-                panel.annotate(
-                    f"{method_label(method)}: {missing} satellites below {SMALLEST:g}", (0.98, 0.02),
-                    xycoords="axes fraction", ha="right", va="bottom", fontsize=7.5, color=style.colour,
-                )  # fmt: skip
+            if len(rows) > len(shown):
+                lost.append(f"{len(rows) - len(shown)} of {method_label(method)}")
         top = worst[worst.event == event].high.max()
         unshown = (worst.event == event) & (worst.probability <= SMALLEST)
         floor = SMALLEST if unshown.any() or not np.isfinite(floor) else floor
         panel.set_xlim(floor / 3, min(max(top, 10 * floor) * max((top / floor) ** 0.3, 5.0), 1e3))
         panel.set(yticks=range(len(names)), yticklabels=names, xlabel=event_heading(event, alert))
         panel.set_title(event)
+        if lost:
+            panel.annotate(
+                f"below {SMALLEST:g}: {', '.join(lost)}", (1.0, 1.01), xycoords="axes fraction", ha="right",
+                va="bottom", fontsize=7,
+            )  # fmt: skip
     axes[0].invert_yaxis()
-    handles, labels = axes[0].get_legend_handles_labels()
-    figure.legend(handles, labels, loc="outside lower left", ncols=2)
+    found = [axes[k].get_legend_handles_labels() for k in range(len(events))]
+    marks = {label: handle for handles, labels in found for handle, label in zip(handles, labels, strict=True)}
+    figure.legend(list(marks.values()), list(marks), loc="outside lower left", ncols=2)
     return figure
 
 

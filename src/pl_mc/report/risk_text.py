@@ -71,8 +71,10 @@ def risk_summary(
         "",
         _worst_text(tables.worst),
         "",
-        "grid: the largest on a ramp of 5, 10, ..., 100 m; for estimates a rough value from the search's small "
-        "populations, which may lie above the refined one by chance. (!): with a warning.",
+        "grid: the largest on a ramp of 5, 10, ..., 100 m; for estimates a rough value from the search, which may "
+        "lie above the refined one by chance. about: the largest that the search saw, without an estimate of its "
+        "own. (!): with a warning.",
+        *_searched_text(tables.worst),
         "",
         "## The multiplier that keeps a target",
         "",
@@ -120,7 +122,7 @@ def _proven(tables: RiskTables, method: Method, confidence: float) -> list[str]:
             top = rows.loc[rows.probability.idxmax()]
             exact = top.low == top.high
             number = risk_text(top.probability, top.low, top.high, exact=exact)
-            how = "exactly" if exact else "estimated, 95 % interval"
+            how = "exactly" if exact else "estimated, 95 % interval" + _second(top)
             least = f" at least {top.low / 1e-7:.3g} times 1e-7" if event == "misleading" and top.low > 1e-7 else ""
             where = f"{top.fault or 'none'}, {len(rows)} satellites searched"
             said.append(f"{what}: P({event}) under the worst single bias ({where}) is {number} ({how})"
@@ -164,6 +166,36 @@ def _proven(tables: RiskTables, method: Method, confidence: float) -> list[str]:
     return said
 
 
+def _second(row: Any) -> str:
+    """What the second estimator says of a row of `worst_case`, where one ran."""
+    value = getattr(row, "subset_probability", np.nan)
+    return f"; the second estimator: {value:.3g} +- {row.subset_standard_error:.2g}" if value > 0 else ""
+
+
+def _searched_text(worst: pd.DataFrame) -> list[str]:
+    """What the search by estimates looked at, what may have been passed over, and its warnings."""
+    rows = worst[worst.refined.notna()] if "refined" in worst else worst[:0]
+    if rows.empty:
+        return []
+    lines = [
+        "Searched by estimates: sizes from 1 to 150 m, by curves over all of them; both signs are equally bad. A "
+        "part of the event that no population met, or a peak narrower than the steps between the sizes, may have "
+        "been passed over; nothing bounds it."
+    ]
+    for (event, method), part in rows.groupby(["event", "method"], sort=False):
+        refined = part[part.refined.astype(bool)]
+        lines.append(
+            f"- {event}, {method}: {int(part.evaluations.iloc[0]):,} scenarios, {len(part)} satellites, "
+            f"{len(refined)} of them with a last estimate."
+        )
+        for row in part[part.warning != ""].itertuples():
+            lines.append(f"  - {row.satellites}: {row.warning}.")
+        for row in refined[refined.subset_probability > 0].itertuples():
+            number = risk_text(row.probability, row.low, row.high)
+            lines.append(f"  - {row.satellites} {row.bias_m:.1f} m: {number}{_second(row)}.")
+    return ["", *lines[:1], "", *lines[1:]]
+
+
 def _k_text(row: Any) -> str:
     if row.found == _EXACT:
         return f"{row.k_vertical:.4g}"
@@ -187,7 +219,10 @@ def _worst_text(worst: pd.DataFrame) -> str:
             exact = row.low == row.high
             size = "" if np.isnan(row.bias_m) else f" at {row.bias_m:.1f} m"
             mark = " (!)" if row.warning else ""
-            cells += [risk_text(row.probability, row.low, row.high, exact=exact) + size + mark]
+            number = risk_text(row.probability, row.low, row.high, exact=exact)
+            if not exact and not row.refined:
+                number = f"about {row.probability:.1g}" if row.probability > 0 else number
+            cells += [number + size + mark]
             grid = row.grid_probability
             cells += [f"{grid:.2g}" if grid > 1e-30 else "< 1e-30" if grid >= 0 else ""]
         rows.append(cells)

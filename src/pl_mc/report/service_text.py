@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING, Any
 
 import pandas as pd
 
+from pl_mc.noise_models import GAUSSIAN
 from pl_mc.report.figures import method_label
 from pl_mc.report.run_folder import RunFolder
 from pl_mc.report.text import markdown_table, percent
@@ -31,6 +32,7 @@ def service_summary(experiment: Any, found: ServiceVolume, worst: pd.DataFrame) 
     noisy = [name for name in found.methods if name not in found.exact]
     scenarios = f"{epochs * sites * found.draws:,} scenarios for {', '.join(noisy)}" if noisy else ""
     exact = f"one for each geometry for {', '.join(found.exact)}" if found.exact else ""
+    law = "" if found.noise == GAUSSIAN.name else f", noise {found.noise}"
     off = f", without {', '.join(experiment.without)}" if experiment.without else ""
     rows = [
         [_limits(found, row.operation), method_label(row.method), _part(row, "availability"), _coverage(row),
@@ -64,7 +66,7 @@ def service_summary(experiment: Any, found: ServiceVolume, worst: pd.DataFrame) 
         "",
         f"{sites:,} users in cells of {found.grid.step_deg:g} deg, {epochs} epochs of {found.step_s:g} s from "
         f"{experiment.start}; {', '.join(experiment.constellations)}{off}, {experiment.mask_deg:g} deg mask, error "
-        f"model {experiment.error_model}, seed {found.seed}: {'; '.join(filter(None, (scenarios, exact)))}. "
+        f"model {experiment.error_model}{law}, seed {found.seed}: {'; '.join(filter(None, (scenarios, exact)))}. "
         f"Satellites in view: {few.min()} at least, {(found.grid.weight * mean).sum():.1f} on average.",
         "",
         "Availability: share of area and time in which VPL and HPL are within the limits, weighted with area; "
@@ -141,9 +143,13 @@ def _part(row: Any, what: str) -> str:
 
 
 def _coverage(row: Any) -> str:
-    rate, low, high = (float(getattr(row, f"coverage_{part}")) for part in ("rate", "low", "high"))
-    sites = f"{int(row.coverage_sites)} of {int(row.sites)} sites"
-    return f"{percent(min(rate, 1.0))} % [{percent(min(low, 1.0))}, {percent(min(high, 1.0))}] ({sites})"
+    # Shares are sums over cells, which may miss one by rounding.
+    rate, low, high = (
+        1.0 if value > 1.0 - 1e-9 else value
+        for value in (float(getattr(row, f"coverage_{part}")) for part in ("rate", "low", "high"))
+    )
+    sites = f"{int(row.coverage_sites):,} of {int(row.sites):,} sites"
+    return f"{percent(rate)} % [{percent(low)}, {percent(high)}] ({sites})"
 
 
 def _lost(row: Any, label: str) -> str:

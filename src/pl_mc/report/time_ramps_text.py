@@ -12,6 +12,11 @@ from pl_mc.alert import AlertLimits
 from pl_mc.report.run_folder import RunFolder
 from pl_mc.report.text import markdown_table, metres, rate_text
 
+# Of passes, the share that may be late where a method counts as alerting in time.
+_FEW_LATE = 0.01
+
+_FINDINGS = ("in time, 6 s", "in time, 10 s", "in time, 30 s", "most late by 6 s", "error at the alarm")
+
 
 def comparable(table: pd.DataFrame) -> pd.DataFrame:
     """The rows of methods that a threshold could bring to the common false-alarm rate."""
@@ -66,10 +71,88 @@ def time_ramps_summary(
         "line have the same numbers throughout.",
     ]
     groups = same_methods(table)
+    lines += ["", "## Findings", *time_ramps_findings(table, alert=alert)]
     for tau, rows in table.groupby("tau_s", sort=False):
         lines += ["", f"## {_heading(float(tau))}", "", "False alarms, and alarms too late:", ""]
         lines += [_late(rows, groups), "", _explained(), "", _times(rows, groups)]
     return "\n".join(lines) + "\n"
+
+
+def time_ramps_findings(table: pd.DataFrame, *, alert: AlertLimits) -> list[str]:
+    """What was measured, for each correlation time: who alerts in time at which rates, and the error at the alarm.
+
+    Args:
+        table: of methods at one false-alarm rate.
+        alert: alert limits.
+
+    Returns:
+        Lines of Markdown, a table for each correlation time.
+    """
+    lines = []
+    groups = same_methods(table)
+    for tau, rows in table.groupby("tau_s", sort=False):
+        rates, head = _dangerous(rows), _heading(float(tau))
+        if not rates:
+            lines += ["", f"{head}: no ramp took the vertical error beyond {alert.vertical_m:g} m."]
+            continue
+        cells = [
+            _finding(", ".join(group), rows[rows.method == group[0]].set_index("rate_m_per_s").loc[rates])
+            for group in groups
+        ]
+        shown = ", ".join(f"{rate:g}" for rate in rates)
+        lines += [
+            "",
+            f"{head}, rates of {shown} m/s. In time: late in less than {100 * _FEW_LATE:g} % of passes (95 % upper "
+            f"bound, {int(rows.passes.min()):,} passes a rate); the largest share of late passes, with its rate; "
+            "the smallest and the largest of the median vertical errors at the alarm.",
+            "",
+            markdown_table(
+                [
+                    "method",
+                    "in time, 6 s",
+                    "in time, 10 s",
+                    "in time, 30 s",
+                    "most late by 6 s",
+                    "error at the alarm",
+                ],
+                cells,
+            ),
+        ]
+    return lines
+
+
+def _finding(name: str, own: pd.DataFrame) -> list[str]:
+    """One line of the findings: a method at one correlation time, its rows by rate."""
+    rates = [float(rate) for rate in own.index]
+    in_time = [_rates(list(own.index[own[f"late_{limit}_high"] < _FEW_LATE]), rates) for limit in (6, 10, 30)]
+    rate = own.late_6_rate.idxmax()
+    row = own.loc[rate]
+    at = f", {rate:g} m/s" if row.late_6 > 0 else ""
+    late = f"{_late_text(row, 6)} ({int(row.late_6):,} of {int(row.passes - row.undecided_6):,}){at}"
+    known = own[np.isfinite(own.error_at_alert_50_m)]
+    ends = [] if known.empty else [known.error_at_alert_50_m.idxmin(), known.error_at_alert_50_m.idxmax()]
+    errors = [f"{_error_text(known.loc[end])} at {end:g} m/s" for end in dict.fromkeys(ends)]
+    return [name, *in_time, late, " to ".join(errors) or "no alarm in half of the passes"]
+
+
+def _rates(kept: list[float], rates: list[float]) -> str:
+    """``every rate``, ``from 0.1 m/s on``, ``0.1, 0.5 m/s``, ``no rate``."""
+    if not kept:
+        return "no rate"
+    if kept == rates:
+        return "every rate"
+    if kept == rates[-len(kept) :]:
+        return f"from {kept[0]:g} m/s on" if len(kept) > 1 else f"{kept[0]:g} m/s"
+    return f"{', '.join(f'{rate:g}' for rate in kept)} m/s"
+
+
+def _error_text(row: Any) -> str:
+    """The median error at the alarm with its bounds."""
+    bounds = [
+        metres(float(row[f"error_at_alert_50_{end}_m"])) if np.isfinite(row[f"error_at_alert_50_{end}_m"]) else ">"
+        for end in ("low", "high")
+    ]
+    return f"{metres(float(row.error_at_alert_50_m))} m [{bounds[0]}, {bounds[1]}]"
 
 
 def time_ramps_answer(run: RunFolder) -> tuple[str, ...]:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -21,6 +21,9 @@ QUANTILES = (("50", 0.50), ("99", 0.99))
 
 # Availability from which a place counts as covered.
 COVERED = 0.995
+
+# The array that is a sum over sites; the others have a row for each.
+_OF_ALL_SITES = "by_epoch"
 
 
 @dataclass
@@ -90,6 +93,36 @@ class ServiceCounts:
                     self.may_gain[sites, m, o] = (~now & then).sum(axis=1) + ~serves[:, -1, 0]
                 for j, (started, stayed) in self.runs.items():
                     started[sites, m, o], stayed[sites, m, o] = run_counts(serves, j)
+
+    def join(self, sites: slice, part: ServiceCounts) -> None:
+        """Put in the counts of some sites."""
+        mine = self.arrays()
+        for name, array in part.arrays().items():
+            if name == _OF_ALL_SITES:
+                mine[name] += array
+            else:
+                mine[name][sites] = array
+
+    def arrays(self) -> dict[str, NDArray]:
+        """What was counted, by name; not copies."""
+        found: dict[str, NDArray] = {
+            "available": self.available,
+            "may_lose": self.may_lose,
+            "may_gain": self.may_gain,
+            _OF_ALL_SITES: self.by_epoch,
+            "levels_m": self.levels_m,
+        }
+        for j, (started, stayed) in self.runs.items():
+            found |= {f"started_{j}": started, f"stayed_{j}": stayed}
+        return found
+
+    def fill(self, arrays: Mapping[str, NDArray]) -> None:
+        """Put in what `arrays` gave; a `ValueError` where names or shapes do not fit."""
+        mine = self.arrays()
+        if {name: one.shape for name, one in mine.items()} != {name: one.shape for name, one in arrays.items()}:
+            raise ValueError("counts of other sites, methods, operations or epochs")
+        for name, array in arrays.items():
+            mine[name][...] = array
 
     def availability_bounds(self, m: int, o: int) -> tuple[FloatArray, FloatArray]:
         """(sites,), bounds of the availability of a method for an operation.

@@ -58,7 +58,8 @@ def world_grid(step_deg: float = 5.0) -> WorldGrid:
         InputError: a step outside 1 to 90 deg, or one that does not divide 180 deg.
     """
     step = require_positive(step_deg, field="step_deg")
-    rows = round(180 / step)
+    # Of the smallest steps the quotient has no whole number.
+    rows = round(180 / max(step, 1e-6))
     if not FINEST_DEG <= step <= COARSEST_DEG or abs(rows * step - 180.0) > 1e-9:
         valid = 180.0 / int(np.clip(rows, 180 / COARSEST_DEG, 180 / FINEST_DEG))
         raise InputError(

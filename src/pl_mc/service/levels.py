@@ -13,13 +13,14 @@ from numpy.typing import NDArray
 
 from pl_mc.araim.levels import protection_levels as araim_levels
 from pl_mc.engine.compiling import compiler_options
-from pl_mc.engine.noise import LANES, epoch_key, unit_noise
+from pl_mc.engine.noise import LANES, epoch_key, unit_inputs
 from pl_mc.geometry.record import POSITION_UNKNOWNS
 from pl_mc.host.precision import dtype_of, precision_scope
 from pl_mc.kernels import LinearModel, Start, linear_model
 from pl_mc.kernels.linear_model import product
 from pl_mc.methods import Araim, MaxDop, Method, Nioraim, Parity, RangeComparison, Sbas, Slope, WTest
 from pl_mc.methods.w_test import POSTERIOR, SIGMA
+from pl_mc.noise_models import GAUSSIAN, NoiseModel
 from pl_mc.service.sky import Geometries
 
 FloatArray = NDArray[np.float64]
@@ -50,6 +51,7 @@ def levels_of_batch(
     draws: int,
     seed: int,
     precision: str,
+    noise: NoiseModel = GAUSSIAN,
 ) -> list[tuple[FloatArray, FloatArray]]:
     """HPL and VPL (g, draws) of each method [m], infinite where it has no solution.
 
@@ -63,6 +65,7 @@ def levels_of_batch(
         draws: noise draws for each geometry.
         seed: chooses the noise.
         precision: ``float64`` or ``float32``; ARAIM is always in double precision.
+        noise: how errors are distributed.
     """
     noisy = tuple(method for method in methods if not levels_from_geometry(method))
     quiet = tuple(m for m in methods if levels_from_geometry(m) and not isinstance(m, Araim))
@@ -79,6 +82,7 @@ def levels_of_batch(
                 noisy=noisy,
                 quiet=quiet,
                 draws=draws,
+                noise=noise,
             )
             for method, pair in zip((*noisy, *quiet), levels, strict=True):
                 found[method.name] = np.asarray(pair[0], dtype=float), np.asarray(pair[1], dtype=float)
@@ -90,7 +94,9 @@ def levels_of_batch(
 
 @functools.cache
 def _compiled() -> Callable[..., list[tuple[Array, Array]]]:
-    return jax.jit(_levels, static_argnames=("noisy", "quiet", "draws"), compiler_options=compiler_options())
+    return jax.jit(
+        _levels, static_argnames=("noisy", "quiet", "draws", "noise"), compiler_options=compiler_options()
+    )
 
 
 def _levels(
@@ -103,6 +109,7 @@ def _levels(
     noisy: tuple[Method, ...],
     quiet: tuple[Method, ...],
     draws: int,
+    noise: NoiseModel,
 ) -> list[tuple[Array, Array]]:
     def one(geometry: tuple[Array, Array, Array, Array]) -> list[tuple[Array, Array]]:
         rows, sigma, seen, number = geometry
@@ -111,12 +118,12 @@ def _levels(
         pairs = []
         if noisy:
             key = epoch_key(seed, number)
-            blocks = [
-                unit_noise(key, jnp.asarray(block, jnp.int32), rows.shape[0], rows.dtype)
-                for block in range(-(-draws // LANES))
-            ]
-            noise = jnp.concatenate(blocks, axis=1)[:, :draws] * model.in_view[:, None]
-            pairs += _pairs(noisy, model, noise)
+            blocks = []
+            for block in range(-(-draws // LANES)):
+                number, inputs = jnp.asarray(block, jnp.int32), noise.inputs_per_row
+                blocks.append(noise.shape(model, unit_inputs(key, number, inputs, rows.shape[0], rows.dtype)))
+            errors = jnp.concatenate(blocks, axis=1)[:, :draws] * model.in_view[:, None]
+            pairs += _pairs(noisy, model, errors)
         return pairs + (_pairs(quiet, model, jnp.zeros_like(sigma)[:, None]) if quiet else [])
 
     return jax.lax.map(one, (design, sigma_m, in_view, numbers))

@@ -6,6 +6,7 @@ import math
 from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass
 from datetime import datetime
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -14,33 +15,30 @@ from numpy.typing import NDArray
 
 from pl_mc.alert import LPV_200, OPERATIONS, AlertLimits
 from pl_mc.engine.checks import LARGEST_SEED
+from pl_mc.engine.execution import Execution
 from pl_mc.error_models import ErrorModel, as_error_model
 from pl_mc.geometry.constellations import constellation_slots
 from pl_mc.geometry.gps_time import gps_seconds
 from pl_mc.host.precision import dtype_of
-from pl_mc.host.progress import progress_bar
-from pl_mc.host.threads import cores, in_order
 from pl_mc.input_errors import (
     InputError,
-    plain_number,
     require_choice,
     require_number,
     require_positive,
     require_whole,
 )
-from pl_mc.methods import Araim, Method, as_methods
+from pl_mc.methods import Method, as_methods
+from pl_mc.noise_models import GAUSSIAN, NoiseModel, as_noise_model
 from pl_mc.service.continuity import as_durations
+from pl_mc.service.counted import count_service
 from pl_mc.service.counting import ServiceCounts, level_table, site_table, world_table
 from pl_mc.service.grid import WorldGrid, world_grid
-from pl_mc.service.levels import levels_from_geometry, levels_of_batch
 from pl_mc.service.sky import WorldSky
+from pl_mc.service.task import ServiceTask
 
 FloatArray = NDArray[np.float64]
 
 DAY_S = 86_400.0
-
-# Geometries of a batch: a few sites with all their epochs. Memory is that of a few batches, whatever the grid.
-GEOMETRIES_PER_BATCH = 2_304
 
 # All epochs of a site are in one batch.
 MOST_EPOCHS = 20_000
@@ -59,6 +57,8 @@ class ServiceVolume:
         operations: the operations.
         draws: noise draws at each geometry, for methods whose levels depend on the noise.
         seed: of the noise.
+        noise: name of its model.
+        notes: sentences about parts of an earlier run that were of no use.
         exact: names of the methods whose levels depend on the geometry alone.
         sites: a row per site, method and operation: ``site, latitude_deg, longitude_deg, method, operation,
             scenarios, available, availability_*``, and for each duration ``started_15s, stayed_15s,
@@ -80,6 +80,8 @@ class ServiceVolume:
     operations: tuple[AlertLimits, ...]
     draws: int
     seed: int
+    noise: str
+    notes: tuple[str, ...]
     exact: tuple[str, ...]
     sites: pd.DataFrame
     world: pd.DataFrame
@@ -110,8 +112,11 @@ def service_volume(
     durations_s: float | Sequence[float] = (15.0, 150.0),
     draws: int = 100,
     seed: int = 20171121,
+    noise: str | NoiseModel = GAUSSIAN,
     precision: str = "float64",
     workers: int | None = None,
+    folder: Path | str | None = None,
+    resume: bool = False,
     progress: bool | None = None,
 ) -> ServiceVolume:
     """Availability and continuity of operations for users all over the Earth, fault-free.
@@ -135,8 +140,12 @@ def service_volume(
         durations_s: lengths of operations whose continuity is asked for [s]; see `pl_mc.service.continuity`.
         draws: noise draws at each geometry.
         seed: chooses the noise, 0 to 2^32 - 1.
+        noise: how errors are distributed, a name or a record of `pl_mc.noise_models`, as for `pl_mc.sweep`; it is
+            nothing to methods whose levels depend on the geometry alone.
         precision: ``float64`` or ``float32``.
         workers: threads that compute; as many as there are cores unless given. No effect on the counts.
+        folder: where to store finished parts of the grid; none unless given.
+        resume: go on with what ``folder`` holds of the same service volume.
         progress: whether to show a progress bar; where standard error is a terminal unless given.
 
     Returns:
@@ -148,14 +157,41 @@ def service_volume(
     Raises:
         InputError: an option that cannot be used.
     """
+    if folder is None and resume:
+        raise InputError("folder: to resume a service volume, a folder for the parts is needed.")
+    execution = Execution(
+        workers=workers, folder=None if folder is None else Path(folder), resume=resume, progress=progress
+    )
+    task = service_task(
+        constellations=constellations, without=without, step_deg=step_deg, step_s=step_s, duration_s=duration_s,
+        start=start, mask_deg=mask_deg, error_model=error_model, methods=methods, operations=operations,
+        durations_s=durations_s, draws=draws, seed=seed, noise=noise, precision=precision,
+    )  # fmt: skip
+    return run_service(task, execution, step_s=float(step_s))
+
+
+def service_task(
+    *,
+    constellations: str | Sequence[str],
+    without: str | Sequence[str],
+    step_deg: float,
+    step_s: float,
+    duration_s: float,
+    start: str | datetime,
+    mask_deg: float,
+    error_model: str | ErrorModel,
+    methods: Sequence[str | Method],
+    operations: str | AlertLimits | Sequence[str | AlertLimits],
+    durations_s: float | Sequence[float],
+    draws: int,
+    seed: int,
+    noise: str | NoiseModel,
+    precision: str,
+) -> ServiceTask:
+    """The options of `service_volume`, checked."""
     grid = world_grid(step_deg)
     step = require_positive(step_s, field="step_s")
-    epochs = epoch_count(require_positive(duration_s, field="duration_s"), step)
-    if epochs > MOST_EPOCHS:
-        raise InputError(
-            f"step_s: {step:g} s make {epochs:,} epochs; at most {MOST_EPOCHS:,} are possible: for "
-            f"{plain_number(float(duration_s))} s, steps of {plain_number(duration_s / MOST_EPOCHS)} s or more."
-        )
+    epochs = require_epochs(require_positive(duration_s, field="duration_s"), step)
     mask = require_number(mask_deg, field="mask_deg")
     if not 0.0 <= mask < 90.0:
         nearest_valid = "0" if mask < 0 else "below 90"
@@ -165,53 +201,37 @@ def service_volume(
     chosen = as_methods(methods)
     limits = as_operations(operations)
     lengths = as_durations(durations_s, step_s=step, epochs=epochs)
-    draws = require_whole(draws, field="draws", low=1, high=MOST_DRAWS)
-    seed = require_whole(seed, field="seed", low=0, high=LARGEST_SEED)
-    dtype_of(precision)
-    threads = cores() if workers is None else require_whole(workers, field="workers", low=1)
     time_gps_s = np.asarray(gps_seconds(start) + step * np.arange(epochs), dtype=np.float64)
-    sky = WorldSky(constellation_slots(constellations, without), as_error_model(error_model), mask, time_gps_s)
+    return ServiceTask(
+        grid=grid,
+        sky=WorldSky(constellation_slots(constellations, without), as_error_model(error_model), mask, time_gps_s),
+        methods=chosen,
+        operations=limits,
+        durations=lengths,
+        draws=require_whole(draws, field="draws", low=1, high=MOST_DRAWS),
+        seed=require_whole(seed, field="seed", low=0, high=LARGEST_SEED),
+        precision=str(dtype_of(precision)),
+        noise=as_noise_model(noise),
+    )
 
-    per_batch = min(len(grid), max(1, GEOMETRIES_PER_BATCH // epochs))
-    batches = [slice(first, min(first + per_batch, len(grid))) for first in range(0, len(grid), per_batch)]
-    latitude, longitude = np.radians(grid.latitude_deg), np.radians(grid.longitude_deg)
-    seen = np.concatenate([sky.counts(latitude[part], longitude[part]) for part in batches])
-    # At least as many rows as an empty sky of the compiled function needs.
-    width = max(int(seen.max()), 1)
-    if seen.max() == 0:
-        raise InputError(f"geometry: no satellite is above the mask of {mask:g} deg anywhere at any epoch.")
-    exact = [levels_from_geometry(method) for method in chosen]
-    counts = ServiceCounts.of(len(grid), epochs, draws, exact, len(limits), lengths)
 
-    def solve(part: slice) -> list[tuple[FloatArray, FloatArray]]:
-        # The last batch is filled up with its last site.
-        sites = np.minimum(np.arange(part.start, part.start + per_batch), part.stop - 1)
-        batch = sky.geometries(latitude[sites], longitude[sites], width)
-        numbers = (sites[:, None] * epochs + np.arange(epochs)).ravel()
-        found = levels_of_batch(batch, numbers, chosen, draws=draws, seed=seed, precision=precision)
-        kept = part.stop - part.start
-        return [
-            (hpl.reshape(per_batch, epochs, -1)[:kept], vpl.reshape(per_batch, epochs, -1)[:kept])
-            for hpl, vpl in found
-        ]
-
-    # The function of ARAIM has threads of its own.
-    threads = 1 if all(isinstance(method, Araim) for method in chosen) else threads
-    with progress_bar(total=len(batches), what="service volume", show=progress) as advance:
-        for part, levels in in_order(solve, batches, threads):
-            counts.add(part, grid.weight[part], levels, limits)
-            advance()
-
-    names, labels = [method.name for method in chosen], [one.name for one in limits]
+def run_service(task: ServiceTask, execution: Execution, *, step_s: float) -> ServiceVolume:
+    """`service_volume` of a task, with the way it runs as one record."""
+    counts, notes = count_service(task, execution)
+    grid, lengths = task.grid, task.durations
+    names, labels = [method.name for method in task.methods], [one.name for one in task.operations]
+    least, mean, most = task.in_view.T
     return ServiceVolume(
         grid=grid,
-        time_gps_s=time_gps_s,
-        step_s=step,
+        time_gps_s=task.sky.time_gps_s,
+        step_s=step_s,
         methods=tuple(names),
-        operations=limits,
-        draws=draws,
-        seed=seed,
-        exact=tuple(name for name, alone in zip(names, exact, strict=True) if alone),
+        operations=task.operations,
+        draws=task.draws,
+        seed=task.seed,
+        noise=task.noise.name,
+        notes=notes,
+        exact=tuple(name for name, alone in zip(names, task.exact, strict=True) if alone),
         sites=site_table(counts, grid, names, labels, lengths),
         world=world_table(counts, grid, names, labels, lengths),
         levels=level_table(counts, grid, names),
@@ -220,19 +240,31 @@ def service_volume(
                 "site": np.arange(len(grid)),
                 "latitude_deg": grid.latitude_deg,
                 "longitude_deg": grid.longitude_deg,
-                "satellites_min": seen.min(axis=1).astype(int),
-                "satellites_mean": seen.mean(axis=1),
-                "satellites_max": seen.max(axis=1).astype(int),
+                "satellites_min": least.astype(int),
+                "satellites_mean": mean,
+                "satellites_max": most.astype(int),
             }
         ),
-        by_epoch=pd.DataFrame(_by_epoch(counts, time_gps_s, names, labels)),
+        by_epoch=pd.DataFrame(_by_epoch(counts, task.sky.time_gps_s, names, labels)),
     )
 
 
 def epoch_count(duration_s: float, step_s: float) -> int:
     """Number of epochs of a run, one at its beginning and then one at each step before its end; at least 1."""
     # A length that is a whole number of steps but for rounding has no epoch at its end.
-    return max(1, math.ceil(duration_s / step_s - 1e-9))
+    # Beyond all bounds a quotient may be infinite.
+    return max(1, math.ceil(min(duration_s / step_s, 1e15) - 1e-9))
+
+
+def require_epochs(duration_s: float, step_s: float) -> int:
+    """`epoch_count`, where it is no more than is possible."""
+    epochs = epoch_count(duration_s, step_s)
+    if epochs > MOST_EPOCHS:
+        raise InputError(
+            f"step_s: {step_s:g} s make {float(epochs):,.6g} epochs; at most {MOST_EPOCHS:,} are possible: for "
+            f"{duration_s:g} s, steps of {duration_s / MOST_EPOCHS:g} s or more."
+        )
+    return epochs
 
 
 def as_operations(operations: Any) -> tuple[AlertLimits, ...]:

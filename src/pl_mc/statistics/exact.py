@@ -18,7 +18,7 @@ from pl_mc.alert import LPV_200, AlertLimits
 from pl_mc.constants import K_VERTICAL
 from pl_mc.faults import Faults
 from pl_mc.geometry.record import Geometry
-from pl_mc.input_errors import InputError, require_choice
+from pl_mc.input_errors import InputError, require_choice, require_number
 from pl_mc.statistics.least_squares import fault_effects, ls_quantities
 from pl_mc.statistics.noncentral import joint_exceedance, split_at_threshold
 from pl_mc.statistics.student import chi2_threshold
@@ -76,7 +76,10 @@ def ls_rates(
         InputError: faults of another geometry, an unknown alarm, a factor or probability outside its range.
     """
     require_choice(alarm, (PL_ALARM, CHI2_ALARM), field="alarm")
-    if not 0.0 < k_vertical < np.inf:
+    if not isinstance(faults, Faults) or not isinstance(alert, AlertLimits):
+        wrong = "faults: faults" if not isinstance(faults, Faults) else "alert: alert limits"
+        raise InputError(f"{wrong} made by this package are needed, such as pl_mc.no_fault(g) and pl_mc.LPV_200.")
+    if not 0.0 < require_number(k_vertical, field="k_vertical") < np.inf:
         raise InputError(f"k_vertical: a factor of a protection level is positive and finite, not {k_vertical!r}.")
     quantities = ls_quantities(g)
     effects = fault_effects(g, faults, quantities)

@@ -1,12 +1,16 @@
 """The innovation test of a Kalman filter, at single epochs and averaged: integrity by extrapolation.
 
 A filter that was right until the ramp began predicts the next pseudoranges; a slow ramp pulls the filter after it,
-so that no single innovation gives it away, but their average does (AIME: Diesel & Luu 1995, GPS/IRS AIME:
-calculation of thresholds and protection radius using chi-square methods, ION GPS-95):
+so that no single innovation gives it away, but their average does. To test averages of residuals over several
+intervals is the idea of AIME (Diesel & Luu 1995, GPS/IRS AIME: calculation of thresholds and protection radius
+using chi-square methods, ION GPS-95; that paper was not at hand, a patent text of Diesel's about AIME was). Here it
+is the weighted mean of the innovations, the best estimate of a constant in them, over its covariance:
 
     b = sum of S_k^-1 nu_k,   V^-1 = sum of S_k^-1,   s = b' V b,
 
-which is chi-square with as many degrees of freedom as satellites where the filter's model is true.
+which is chi-square with as many degrees of freedom as satellites where the filter's model is true. That form, the
+windows and the filter without inertial sensors (AIME has them) are this file's own, so that numbers found here are
+not those of AIME.
 
 Errors of one geometry share their gains, so that the filter is linear with gains known beforehand: covariances are
 computed once, outside of the compiled passes, and the response to a ramp is the noise's plus the ramp's.

@@ -1,8 +1,11 @@
 """The accumulated parity test: parity vectors summed over windows, against noise that is correlated in time.
 
-A slow ramp hides in the noise of every single parity vector, but not in their mean. Summing parity vectors is what
-sequential RAIM by hypothesis tests does (Clot, Macabiau, Nikiforov & Roturier 2006, Sequential RAIM designed to
-detect combined step/slope pseudorange errors; here as a bank of fixed windows with the exact covariance).
+A slow ramp hides in the noise of every single parity vector, but not in their mean. Sequential RAIM takes several
+epochs together (Clot, Macabiau, Nikiforov & Roturier 2006, Sequential RAIM designed to detect combined step/slope
+pseudorange errors). That paper was not at hand: by its title and by abstracts of the same authors, theirs is a
+generalised likelihood-ratio test, constrained to faults that harm the position, for steps and slopes. This file's
+test is a plainer one of its own: sums over fixed windows, as for a step, with their exact
+covariance, and no constraint.
 """
 
 from __future__ import annotations

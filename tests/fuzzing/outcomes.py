@@ -1,0 +1,251 @@
+"""What became of a damaged file, and the process in which many of them are read one after another.
+
+Outcomes:
+
+- ``refused``: an `InputError`, one sentence a line.
+- ``same``: numbers as of the sound file.
+- ``told``: other numbers, and the notes say something that they do not say of the sound file.
+- ``well formed``: other numbers and no new note, but the damaged file is as well formed as the sound one: other
+  digits in the same columns, another number where columns are free, a table with fewer lines.
+- ``accepted``: nothing to compare with.
+- ``silent``: other numbers, no new note, and a damage that shows in the form of the file. A finding.
+- ``exception``, ``sentence``, ``hang``, ``crash``: another exception, a refusal that is no sentence, no end within
+  the limit, an end of the process. Findings.
+"""
+
+from __future__ import annotations
+
+import json
+import math
+import os
+import select
+import subprocess
+import sys
+import tempfile
+import time
+import traceback
+import warnings
+import zlib
+from collections.abc import Iterable, Iterator, Sequence
+from dataclasses import asdict, dataclass
+from pathlib import Path
+
+import numpy as np
+
+FINDINGS = ("silent", "exception", "sentence", "hang", "crash")
+LIMIT_S = 30.0
+
+# The mutation of a case that is a call with strange arguments instead of a file.
+STRANGE_ARGUMENTS = "strange arguments"
+
+
+@dataclass(frozen=True)
+class Case:
+    """One damaged file: its kind, the mutation and the number that seeds it."""
+
+    subject: str
+    mutation: str
+    number: int
+
+
+@dataclass(frozen=True)
+class Outcome:
+    """What became of it, with the sentence, the trace or the difference, and the seconds that it took."""
+
+    subject: str
+    mutation: str
+    number: int
+    outcome: str
+    detail: str
+    seconds: float
+
+
+def cases(names: Sequence[str], mutations: Iterable[str], count: int) -> list[Case]:
+    """``count`` cases, kinds and mutations in turn."""
+    pairs = [(name, mutation) for mutation in mutations for name in names]
+    return [Case(*pairs[k % len(pairs)], number=k // len(pairs)) for k in range(count)]
+
+
+def damaged(case: Case) -> bytes:
+    """The file of a case."""
+    from mutations import MUTATIONS
+    from subjects import subjects
+
+    seed = [case.number, zlib.crc32(case.subject.encode()), zlib.crc32(case.mutation.encode())]
+    return MUTATIONS[case.mutation](subjects()[case.subject].content, np.random.default_rng(seed))
+
+
+def judge(case: Case, folder: Path) -> Outcome:
+    """Read the file of a case, or make its call, and say what became of it."""
+    return _judged_call(case) if case.mutation == STRANGE_ARGUMENTS else _judged_file(case, folder)
+
+
+def _judged_call(case: Case) -> Outcome:
+    from api_calls import calls, with_strange
+
+    from pl_mc.input_errors import InputError
+
+    call = calls()[case.subject]
+    arguments = with_strange(call, np.random.default_rng([case.number, zlib.crc32(case.subject.encode())]))
+    begin = time.perf_counter()
+    try:
+        call.function(**arguments)
+        outcome, detail = "accepted", ""
+    except InputError as error:
+        outcome, detail = ("refused" if is_sentence(str(error)) else "sentence"), str(error)
+    except Exception:
+        changed = {key: repr(value)[:200] for key, value in arguments.items() if value is not call.arguments[key]}
+        outcome, detail = "exception", f"{changed}\n{traceback.format_exc()}"
+    return Outcome(**asdict(case), outcome=outcome, detail=detail[-3000:], seconds=time.perf_counter() - begin)
+
+
+def is_sentence(said: str) -> bool:
+    """Whether a refusal is one sentence a line, without a trace."""
+    return all(line.endswith((".", "?")) for line in said.split("\n")) and "Traceback" not in said
+
+
+def _judged_file(case: Case, folder: Path) -> Outcome:
+    from subjects import subjects
+
+    from pl_mc.input_errors import InputError
+
+    subject = subjects()[case.subject]
+    content = damaged(case)
+    path = folder / f"damaged{subject.suffix}"
+    path.write_bytes(content)
+    begin = time.perf_counter()
+    try:
+        read = subject.read(path)
+    except InputError as error:
+        said = str(error)
+        # A refusal names the file; checks of experiments name their fields.
+        named = path.name in said or subject.tolerance is None
+        outcome, detail = ("refused" if is_sentence(said) and named else "sentence"), said
+    except Exception:
+        outcome, detail = "exception", traceback.format_exc()
+    else:
+        sound = _sound(case.subject)
+        detail = _difference(read.numbers, sound.numbers, subject.tolerance or 0.0)
+        if subject.tolerance is None:
+            outcome = "accepted"
+        elif not detail:
+            outcome = "same"
+        elif set(read.notes) - set(sound.notes):
+            outcome = "told"
+        else:
+            outcome = "well formed" if subject.alike(content, subject.content) else "silent"
+    return Outcome(**asdict(case), outcome=outcome, detail=detail[:3000], seconds=time.perf_counter() - begin)
+
+
+_SOUND: dict[str, object] = {}
+
+
+def _sound(name: str):  # type: ignore[no-untyped-def]
+    from subjects import subjects
+
+    if name not in _SOUND:
+        subject = subjects()[name]
+        with tempfile.TemporaryDirectory() as folder:
+            path = Path(folder, f"sound{subject.suffix}")
+            path.write_bytes(subject.content)
+            _SOUND[name] = subject.read(path)
+    return _SOUND[name]
+
+
+def _difference(found: dict[str, float], sound: dict[str, float], tolerance: float) -> str:
+    """The first difference in words; empty where there is none."""
+    for key in sorted(set(found) | set(sound)):
+        if key not in found:
+            return f"{key} is missing ({len(set(sound) - set(found))} in all)"
+        if key not in sound:
+            return f"{key} is new"
+        if not math.isfinite(found[key]) or abs(found[key] - sound[key]) > tolerance:
+            return f"{key} is {found[key]:.6g}, not {sound[key]:.6g}"
+    return ""
+
+
+def outcomes(wanted: Iterable[Case], limit_s: float = LIMIT_S, program: str | Path = __file__) -> Iterator[Outcome]:
+    """The outcomes of cases, read in a process of its own that is started anew where one hangs or ends it."""
+    process: subprocess.Popen[bytes] | None = None
+    try:
+        for case in wanted:
+            if process is None:
+                process = _start(program)
+            begin = time.perf_counter()
+            answer = _answer(process, case, limit_s)
+            if answer is None:
+                outcome = "hang" if process.poll() is None else "crash"
+                _end(process)
+                process = None
+                yield Outcome(**asdict(case), outcome=outcome, detail="", seconds=time.perf_counter() - begin)
+            else:
+                yield Outcome(**answer)
+    finally:
+        if process is not None:
+            _end(process)
+
+
+def _start(program: str | Path) -> subprocess.Popen[bytes]:
+    process = subprocess.Popen(
+        [sys.executable, str(program)], stdin=subprocess.PIPE, stdout=subprocess.PIPE, bufsize=0
+    )
+    # The start is not part of any case.
+    assert _line(process, 120.0) == b"ready\n"
+    return process
+
+
+def _end(process: subprocess.Popen[bytes]) -> None:
+    process.kill()
+    for pipe in (process.stdin, process.stdout):
+        assert pipe is not None
+        pipe.close()
+    process.wait()
+
+
+def _answer(process: subprocess.Popen[bytes], case: Case, limit_s: float) -> dict | None:
+    assert process.stdin is not None
+    try:
+        process.stdin.write(json.dumps(asdict(case)).encode() + b"\n")
+    except BrokenPipeError:
+        process.wait()
+        return None
+    line = _line(process, limit_s)
+    return json.loads(line) if line and line.endswith(b"\n") else None
+
+
+def _line(process: subprocess.Popen[bytes], limit_s: float) -> bytes | None:
+    """A line of the process, what came of it when it ended, or None when time is up."""
+    assert process.stdout is not None
+    end, line = time.monotonic() + limit_s, b""
+    while not line.endswith(b"\n"):
+        ready, _, _ = select.select([process.stdout], [], [], max(0.0, end - time.monotonic()))
+        if not ready:
+            return None
+        part = os.read(process.stdout.fileno(), 65536)
+        if not part:
+            process.wait()
+            return line
+        line += part
+    return line
+
+
+def _serve() -> None:
+    import jax
+
+    import pl_mc  # noqa: F401
+
+    jax.config.update("jax_enable_x64", True)
+    # Whoever turns warnings into errors gets a traceback of them.
+    warnings.simplefilter("error")
+    sys.path.insert(0, str(Path(__file__).parent))
+    # What a library prints must not be taken for an answer.
+    answers = os.fdopen(os.dup(1), "w")
+    os.dup2(2, 1)
+    with tempfile.TemporaryDirectory() as folder:
+        print("ready", file=answers, flush=True)
+        for line in sys.stdin:
+            print(json.dumps(asdict(judge(Case(**json.loads(line)), Path(folder)))), file=answers, flush=True)
+
+
+if __name__ == "__main__":
+    _serve()
