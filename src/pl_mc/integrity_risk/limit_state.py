@@ -52,6 +52,22 @@ class Rotation:
     active: int
 
 
+class InCoordinates:
+    """What a state at one epoch says of its points: how many coordinates they have."""
+
+    coordinates: Rotation
+
+    @property
+    def active(self) -> int:
+        """Number of coordinates that matter for the vertical."""
+        return self.coordinates.active
+
+    @property
+    def dimension(self) -> int:
+        """Number of all coordinates."""
+        return self.coordinates.matrix.shape[1]
+
+
 def rotation(design: FloatArray, sigma_m: FloatArray, in_view: NDArray[np.bool_], bias_m: FloatArray) -> Rotation:
     """The coordinates of one epoch with a determined position and at least one redundant satellite.
 
@@ -128,7 +144,7 @@ def in_calls(points: FloatArray, coordinates: Rotation, compiled: Callable[[Floa
 
 
 @dataclass(frozen=True)
-class LimitState:
+class EpochState(InCoordinates):
     """One event of one method under one fault at one epoch.
 
     Attributes:
@@ -138,7 +154,6 @@ class LimitState:
         vertical_m: vertical alert limit [m].
         coordinates: the coordinates of the points: `rotation` for errors that are Gaussian but for a constant,
             else `all_axes`.
-        noise: what standard normal numbers are made into.
     """
 
     design: FloatArray
@@ -149,17 +164,17 @@ class LimitState:
     event: str
     vertical_m: float
     coordinates: Rotation
+
+
+@dataclass(frozen=True)
+class LimitState(EpochState):
+    """An event whose limit state is positive where it happens.
+
+    Attributes:
+        noise: what standard normal numbers are made into.
+    """
+
     noise: NoiseModel = GAUSSIAN
-
-    @property
-    def active(self) -> int:
-        """Number of coordinates that matter for the vertical."""
-        return self.coordinates.active
-
-    @property
-    def dimension(self) -> int:
-        """Number of all coordinates."""
-        return self.coordinates.matrix.shape[1]
 
     def __call__(self, points: FloatArray) -> FloatArray:
         """(N,), the limit state [m] of points (N, dimension), standard normal."""

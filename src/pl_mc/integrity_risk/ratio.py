@@ -21,7 +21,7 @@ from numpy.typing import NDArray
 from pl_mc.alert import AlertLimits
 from pl_mc.faults import Faults
 from pl_mc.geometry.record import UP, Geometry
-from pl_mc.integrity_risk.limit_state import Rotation, in_calls, rotation
+from pl_mc.integrity_risk.limit_state import EpochState, in_calls, rotation
 from pl_mc.kernels import linear_model, start_from
 from pl_mc.methods.base import Method, Outcome
 
@@ -48,35 +48,8 @@ class Ratio(Protocol):
 
 
 @dataclass(frozen=True)
-class RatioState:
-    """The ratio of one event of one method under one fault at one epoch.
-
-    Attributes:
-        design: (n, t) [m/m]; sigma_m: (n,) [m]; in_view: (n,); bias_m: (n,), the fault [m].
-        method: the method, with a multiplier of one.
-        event: ``exceeded`` or ``misleading``.
-        vertical_m: vertical alert limit [m].
-        coordinates: the coordinates of the points, Gaussian noise.
-    """
-
-    design: FloatArray
-    sigma_m: FloatArray
-    in_view: NDArray[np.bool_]
-    bias_m: FloatArray
-    method: Method
-    event: str
-    vertical_m: float
-    coordinates: Rotation
-
-    @property
-    def active(self) -> int:
-        """Number of coordinates that matter for the vertical."""
-        return self.coordinates.active
-
-    @property
-    def dimension(self) -> int:
-        """Number of all coordinates."""
-        return self.coordinates.matrix.shape[1]
+class RatioState(EpochState):
+    """The ratio of an event, ``exceeded`` or ``misleading``; the multiplier is one, the noise Gaussian."""
 
     def ratio(self, points: FloatArray) -> FloatArray:
         """(N,), the ratio of points (N, dimension), standard normal; zero where no multiplier has the event."""

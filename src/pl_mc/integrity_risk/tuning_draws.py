@@ -16,7 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pl_mc.integrity_risk.importance import adapted_proposal, log_normal
-from pl_mc.integrity_risk.limit_state import Rotation, rotation
+from pl_mc.integrity_risk.limit_state import InCoordinates, Rotation, rotation
 from pl_mc.integrity_risk.mixture import Mixture, join
 from pl_mc.integrity_risk.ratio import RatioLimit
 from pl_mc.integrity_risk.ratio_curve import climb_ratios, mean_curve
@@ -32,7 +32,7 @@ _PLAIN, _MOST = 2**16, 500_000
 
 
 @dataclass(frozen=True)
-class LimitedRatio:
+class LimitedRatio(InCoordinates):
     """The ratio at limits that are no option of a record, so that one compiled function serves all of them.
 
     Attributes:
@@ -46,16 +46,6 @@ class LimitedRatio:
     fault: int
     limits: FloatArray
     coordinates: Rotation
-
-    @property
-    def active(self) -> int:
-        """Number of coordinates that matter for the vertical."""
-        return self.coordinates.active
-
-    @property
-    def dimension(self) -> int:
-        """Number of all coordinates."""
-        return self.coordinates.matrix.shape[1]
 
     def ratio(self, points: FloatArray) -> FloatArray:
         """(N,), of points (N, dimension)."""
