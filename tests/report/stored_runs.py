@@ -51,7 +51,7 @@ def store_run(
         save_figure(rates_by_fault_figure(rates, alert=LPV_200, title=str(record.title)), folder, "rates")
     (folder / "summary.md").write_text(
         "# A ramp\n\nGeometry: epoch 2, 16 satellites.\n\n| fault | alarm |\n|---|---|\n| G07 | 12 % |\n\nThat "
-        "is 3 of 9.\n"
+        "is 3 of 9, with w_test(alpha=0.00085966165196832,exclusions=0,final=local,p_fa=0.001,p_md=0.0001).\n"
     )
     manifest = {
         "name": name,
