@@ -208,15 +208,16 @@ def test_parts_of_single_kinds_are_checked(name: str, change: dict[str, Any], fi
     assert words in problem.reason
 
 
-def test_an_almanac_of_a_simulated_series_is_hashed_and_told(tmp_path: Path) -> None:
+@pytest.mark.parametrize(("field", "words"), [("almanac", "almanac week.alm"), ("sp3", "week.alm")])
+def test_an_almanac_of_a_simulated_series_is_hashed_and_told(tmp_path: Path, field: str, words: str) -> None:
     for name in ("zhao2021-static", "guo2022"):
         record = load_experiment(name)[1]
         assert record.input_files() == {}
-        content = record.model_dump() | {"source": {"kind": "site", "almanac": str(tmp_path / "week.alm")}}
+        content = record.model_dump() | {"source": {"kind": "site", field: str(tmp_path / "week.alm")}}
         content = {key: value for key, value in content.items() if value is not None}
         changed = build_experiment(content, source="t")
-        assert changed.input_files() == {"source.almanac": tmp_path / "week.alm"}
-        assert "almanac week.alm" in changed.source.describe()  # type: ignore[attr-defined]
+        assert changed.input_files() == {f"source.{field}": tmp_path / "week.alm"}
+        assert words in changed.source.describe()  # type: ignore[attr-defined]
 
 
 def test_a_rate_is_not_in_seconds() -> None:

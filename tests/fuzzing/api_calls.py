@@ -71,6 +71,7 @@ def calls() -> Mapping[str, Call]:
                 "constellations": ("GPS", "BDS-2"),
                 "without": (),
                 "almanac": None,
+                "sp3": None,
                 "error_model": "residual",
                 "track_m": None,
             },

@@ -25,11 +25,13 @@ sys.path[:0] = [str(ROOT / "tests" / folder) for folder in ("receiver", "geometr
 import receiver_files  # noqa: E402
 import rinex_versions  # noqa: E402
 from almanac_files import elements, sem, yuma  # noqa: E402
+from sp3_files import START_GPS_S, constellation, sp3  # noqa: E402
 
 from pl_mc.experiments.checking import check_experiment  # noqa: E402
 from pl_mc.experiments.loading import load_experiment  # noqa: E402
 from pl_mc.geometry.almanac import almanac_slots  # noqa: E402
 from pl_mc.geometry.orbits import satellite_positions_m  # noqa: E402
+from pl_mc.geometry.sp3 import sp3_orbits  # noqa: E402
 from pl_mc.input_errors import InputError  # noqa: E402
 from pl_mc.receiver import read_receiver_series, read_truth, rinex, rtklib_worker  # noqa: E402
 from pl_mc.report.run_folder import read_run_folder  # noqa: E402
@@ -128,6 +130,17 @@ def _almanac(path: Path) -> Read:
     slots = almanac_slots(path, NEAR_GPS_S)
     positions = satellite_positions_m(slots, NEAR_GPS_S)[0]
     return Read({f"{slot.name} {k}": float(positions[j, k]) for j, slot in enumerate(slots) for k in range(3)})
+
+
+def _precise(path: Path) -> Read:
+    orbits = sp3_orbits(path, START_GPS_S + np.array([3000.0, 4500.0]), constellations=("GPS", "BDS-2"))
+    return Read({
+        f"{name} {epoch} {k}": float(orbits.position_m[epoch, j, k])
+        for j, name in enumerate(orbits.names)
+        for epoch in range(2)
+        for k in range(3)
+        if np.isfinite(orbits.position_m[epoch, j, k])
+    })  # fmt: skip
 
 
 def _same_unpacked(one: bytes, other: bytes) -> bool:
@@ -232,6 +245,7 @@ def subjects() -> Mapping[str, Subject]:
         Subject("Hatanaka observations", compact, _observations(nav, both), ".crx", 1.0, _same_unpacked),
         Subject("YUMA almanac", yuma(elements(8)).encode(), _almanac, ".alm", 1e5, fewer_lines),
         Subject("SEM almanac", sem(elements(8)).encode(), _almanac, ".al3", 1e5, same_words),
+        Subject("SP3 orbits", sp3(constellation(gps=4, galileo=0), epochs=12).encode(), _precise, ".sp3", 1.0),
         Subject("track, geodetic", _track_text("geodetic"), _track, ".csv", 1.0, fewer_lines),
         Subject("track, Earth-fixed", _track_text("xyz"), _track, ".csv", 1.0, fewer_lines),
         Subject("track, gzip", gzip.compress(_track_text("xyz"), mtime=0), _track, ".csv.gz", 1.0),

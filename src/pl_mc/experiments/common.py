@@ -38,6 +38,9 @@ class SimulatedGeometry(Strict):
     almanac: Path | None = Field(
         default=None, description="YUMA or SEM file whose healthy satellites take the place of the nominal GPS"
     )
+    sp3: Path | None = Field(
+        default=None, description="SP3-c or SP3-d file whose satellites take the place of all nominal ones"
+    )
     error_model: str = "residual"
     error_options: dict[str, Any] = Field(default_factory=dict)
     epoch: int | None = Field(default=None, ge=0)
@@ -53,6 +56,7 @@ class SimulatedGeometry(Strict):
             constellations=self.constellations,
             without=self.without,
             almanac=self.almanac,
+            sp3=self.sp3,
             error_model=self.model(),
         )
         return series if self.epoch is None else series[self.epoch]
@@ -112,5 +116,10 @@ class Experiment(Strict):
 
     def input_files(self) -> Mapping[str, Path]:
         """Files that the experiment reads, by field; their hashes go into the manifest."""
-        almanac = getattr(getattr(self, "geometry", None), "almanac", None)
-        return {} if almanac is None else {"geometry.almanac": almanac}
+        return satellite_files(getattr(self, "geometry", None), "geometry")
+
+
+def satellite_files(part: object, field: str) -> dict[str, Path]:
+    """The almanac or the SP3 file of a simulated part of an experiment, by field; nothing where it has none."""
+    paths = {f"{field}.{name}": getattr(part, name, None) for name in ("almanac", "sp3")}
+    return {name: path for name, path in paths.items() if path is not None}

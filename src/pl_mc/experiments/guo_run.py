@@ -18,7 +18,7 @@ from pydantic import ConfigDict, Field
 from pl_mc.detectors import Detector, as_detectors, detector
 from pl_mc.engine.detect import detect
 from pl_mc.engine.execution import Execution
-from pl_mc.experiments.common import Experiment, Strict
+from pl_mc.experiments.common import Experiment, Strict, satellite_files
 from pl_mc.experiments.guo_series import GuoSeries, day_of_detections, detection_table, draws_table
 from pl_mc.experiments.output import write_table
 from pl_mc.experiments.series_sources import AnySource, ReceiverSource, Series
@@ -111,11 +111,10 @@ class GuoExperiment(Experiment):
         return as_detectors([choice.build() for choice in self.tests])
 
     def input_files(self) -> Mapping[str, Path]:
-        """The receiver's files, or the almanac of a simulated source that has one."""
+        """The receiver's files, or the almanac or SP3 file of a simulated source that has one."""
         if isinstance(self.source, ReceiverSource):
             return self.source.files()
-        almanac = getattr(self.source, "almanac", None)
-        return {} if almanac is None else {"source.almanac": almanac}
+        return satellite_files(self.source, "source")
 
 
 def run(experiment: GuoExperiment, folder: Path, *, execution: Execution) -> tuple[str, tuple[str, ...]]:

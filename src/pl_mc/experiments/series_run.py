@@ -16,7 +16,7 @@ from pl_mc.alert import AlertLimits
 from pl_mc.engine import solve
 from pl_mc.engine.execution import Execution
 from pl_mc.engine.noise import LANES
-from pl_mc.experiments.common import Experiment, MethodChoice
+from pl_mc.experiments.common import Experiment, MethodChoice, satellite_files
 from pl_mc.experiments.output import write_table
 from pl_mc.experiments.series_sources import AnySource, ReceiverSource, Series
 from pl_mc.experiments.window_faults import DrawnFaults, WindowFaults
@@ -53,11 +53,10 @@ class SeriesExperiment(Experiment):
         return methods
 
     def input_files(self) -> Mapping[str, Path]:
-        """The receiver's files, or the almanac of a simulated source that has one."""
+        """The receiver's files, or the almanac or SP3 file of a simulated source that has one."""
         if isinstance(self.source, ReceiverSource):
             return self.source.files()
-        almanac = getattr(self.source, "almanac", None)
-        return {} if almanac is None else {"source.almanac": almanac}
+        return satellite_files(self.source, "source")
 
 
 def run(experiment: SeriesExperiment, folder: Path, *, execution: Execution) -> tuple[str, tuple[str, ...]]:

@@ -65,10 +65,14 @@ class SiteSource(SimulatedGeometry):
 
     def describe(self) -> str:
         """The source in words."""
-        taken = "" if self.almanac is None else f" (GPS from the almanac {self.almanac.name})"
+        taken = f"nominal {' + '.join(self.constellations)}"
+        if self.almanac is not None:
+            taken += f" (GPS from the almanac {self.almanac.name})"
+        if self.sp3 is not None:
+            taken = f"the {' + '.join(self.constellations)} of the precise orbits {self.sp3.name}"
         return (
             f"simulated {self.site} from {self.start} (GPS time), {self.epochs} epochs every {self.interval_s:g} s "
-            f"under nominal {' + '.join(self.constellations)}{taken}, mask {self.mask_deg:g} deg; one draw of "
+            f"under {taken}, mask {self.mask_deg:g} deg; one draw of "
             f"noise from the error model {self.error_model}"
         )
 

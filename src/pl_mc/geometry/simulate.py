@@ -1,4 +1,4 @@
-"""Simulation of a geometry: nominal constellations, or the GPS of an almanac, over a site or a track."""
+"""Simulation of a geometry over a site or a track: nominal constellations, GPS of an almanac, or precise orbits."""
 
 from __future__ import annotations
 
@@ -11,12 +11,13 @@ from numpy.typing import ArrayLike, NDArray
 
 from pl_mc.error_models import ErrorModel, Sky, as_error_model
 from pl_mc.geometry.almanac import almanac_slots
-from pl_mc.geometry.constellations import Slot, constellation_slots
+from pl_mc.geometry.constellations import constellation_slots
 from pl_mc.geometry.frames import enu_rotation, geodetic
 from pl_mc.geometry.gps_time import gps_seconds
 from pl_mc.geometry.orbits import satellite_positions_m
 from pl_mc.geometry.record import POSITION_UNKNOWNS, SYSTEM_NAMES, UP, Geometry, as_words
 from pl_mc.geometry.sites import DEFAULT_SITE, checked_positions_m, site_position_m
+from pl_mc.geometry.sp3 import PreciseOrbits, sp3_orbits
 from pl_mc.input_errors import InputError, shown
 
 DEFAULT_EPOCHS = 2880
@@ -40,6 +41,7 @@ def simulate(
     constellations: str | Sequence[str] = ("GPS", "BDS-2"),
     without: str | Sequence[str] = (),
     almanac: str | Path | None = None,
+    sp3: str | Path | None = None,
     error_model: str | ErrorModel = "residual",
 ) -> Geometry:
     """The satellites of nominal constellations as a user sees them, epoch by epoch.
@@ -53,10 +55,15 @@ def simulate(
         interval_s: time from one epoch to the next [s].
         mask_deg: elevation below which a satellite does not count, 0 to below 90 [deg].
         visible: (epochs, m), False where a satellite is hidden for reasons other than the mask; m counts the
-            satellites of `constellation_slots(constellations, without)`.
+            satellites of `constellation_slots(constellations, without)`, or those of the SP3 file.
         constellations: names of `pl_mc.geometry.constellations.CONSTELLATIONS`.
         without: satellites that are switched off.
         almanac: a YUMA or SEM file, whose healthy satellites take the place of the nominal GPS.
+        sp3: an SP3-c or SP3-d file, plain or gzipped, whose satellites take the place of all nominal ones, at its
+            positions interpolated by RTKLIB; not together with an almanac. All epochs lie within those of the file.
+            C01 to C18 are BDS-2, C19 to C63 BDS-3. A satellite is out of view at epochs that need a position which
+            the file gives as 0 or 999999.999999, or marks as one during a manoeuvre: from five intervals before it
+            to six after it.
         error_model: name of an error model, or an object that serves as one.
 
     Returns:
@@ -69,14 +76,15 @@ def simulate(
     if not isinstance(start, str | datetime):
         raise InputError(f"start: a date is needed, as in 2017-11-21T00:00:00, not {shown(start)}.")
     first_gps_s = gps_seconds(start)
-    real = None if almanac is None else almanac_slots(almanac, first_gps_s)
-    slots = constellation_slots(
-        *(
-            (words,) if isinstance(words, str) else as_words(field, words)
-            for field, words in (("constellations", constellations), ("without", without))
-        ),
-        gps_slots=real,
+    wanted, off = (
+        (words,) if isinstance(words, str) else as_words(field, words)
+        for field, words in (("constellations", constellations), ("without", without))
     )
+    if sp3 is not None and almanac is not None:
+        raise InputError("sp3: an almanac is given too; the satellites come from one of the two files.")
+    real = None if almanac is None else almanac_slots(almanac, first_gps_s)
+    # The satellites of an SP3 file are its own: of the nominal ones the names of constellations alone are checked.
+    slots = constellation_slots(wanted, () if sp3 is not None else off, gps_slots=real)
     if not isinstance(error_model, str | ErrorModel):
         raise InputError(f"error model: a name or an error model is needed, not {shown(error_model)}.")
     model = as_error_model(error_model)
@@ -99,7 +107,15 @@ def simulate(
 
     # One epoch keeps its axis, whatever the conversion makes of an axis of length one.
     latitude, longitude = (np.reshape(angle, epochs) for angle in geodetic(position)[:2])
-    sight = satellite_positions_m(slots, time_gps_s) - position[:, None]
+    if sp3 is not None:
+        satellites = sp3_orbits(sp3, time_gps_s, constellations=wanted, without=off)
+    else:
+        satellites = PreciseOrbits(
+            names=tuple(slot.name for slot in slots),
+            orbits=tuple(slot.orbit for slot in slots),
+            position_m=satellite_positions_m(slots, time_gps_s),
+        )
+    sight = satellites.position_m - position[:, None]
     sight = sight / np.linalg.norm(sight, axis=-1, keepdims=True)
     enu = np.einsum("eij,emj->emi", enu_rotation(latitude, longitude), sight)
     # On the horizon itself sigma is infinite, so a mask of zero still needs a satellite above it.
@@ -109,12 +125,13 @@ def simulate(
     if not in_view.any():
         raise InputError(f"geometry: no satellite is above the mask of {mask_deg:g} deg at any epoch.")
 
-    clocks = _clocks(slots, in_view)
+    systems = tuple(name[0] for name in satellites.names)
+    clocks = _clocks(systems, in_view)
     sigma_m = np.ones(in_view.shape)
     at, satellite = np.nonzero(in_view)
     east, north, up = enu[at, satellite].T
     sky = Sky(
-        orbit=np.array([slot.orbit for slot in slots])[satellite],
+        orbit=np.array(satellites.orbits)[satellite],
         elevation_rad=np.arcsin(np.minimum(up, 1.0)),
         azimuth_rad=np.arctan2(east, north) % (2 * np.pi),
         latitude_rad=latitude[at],
@@ -130,13 +147,13 @@ def simulate(
     design = np.zeros((*in_view.shape, POSITION_UNKNOWNS + len(clocks)))
     design[..., :POSITION_UNKNOWNS] = -enu
     for column, letter in enumerate(clocks, start=POSITION_UNKNOWNS):
-        design[:, [slot.system == letter for slot in slots], column] = 1.0
+        design[:, [system == letter for system in systems], column] = 1.0
     return Geometry.from_rows(
         design=design,
         sigma_m=sigma_m,
         in_view=in_view,
-        names=[slot.name for slot in slots],
-        systems=[slot.system for slot in slots],
+        names=satellites.names,
+        systems=systems,
         clocks=clocks,
         time_gps_s=time_gps_s,
     )
@@ -173,9 +190,9 @@ def _visibility(visible: ArrayLike, shape: tuple[int, ...]) -> NDArray[np.bool_]
     return mask
 
 
-def _clocks(slots: Sequence[Slot], in_view: NDArray[np.bool_]) -> tuple[str, ...]:
+def _clocks(systems: Sequence[str], in_view: NDArray[np.bool_]) -> tuple[str, ...]:
     """Letters of the systems that are in view at some epoch, in the order of the record."""
-    seen = {slot.system for slot, ever in zip(slots, np.any(in_view, axis=0).tolist(), strict=True) if ever}
+    seen = {system for system, ever in zip(systems, np.any(in_view, axis=0).tolist(), strict=True) if ever}
     return tuple(letter for letter in SYSTEM_NAMES if letter in seen)
 
 
