@@ -101,7 +101,8 @@ HEALTH = r"^     2\.0{12}e\+00 0\.0{12}e\+00-9\.3"
         (OBS_3, lambda t: re.sub(r"\nG(\d)", r"\nE\1", t, count=1), "of which the header lists no observations"),
         (OBS_3, lambda t: re.sub(r"\nG(\d)", r"\n?\1", t, count=1), "is no satellite's name"),
         (OBS_3, lambda t: t.replace("G    2 C1C S1C", "G    3 C1C S1C"), "promises 3 observation types .* lists 2"),
-        # Times of another system are fourteen seconds off.
+        # Times of another system are fourteen seconds off, and none is in columns that have moved.
+        (OBS_3, lambda t: t.replace("  2020     6    25", "  2020  58042    25", 1), "TIME OF FIRST OBS. cannot"),
         (OBS_3, lambda t: t.replace("     GPS  ", "     BDT  "), "its times are BDT"),
         (OBS_3, lambda t: t.replace("> 2020 06 25", "> 2020 06 31", 1), "is no date and time"),
         (OBS_3, lambda t: t.replace("0.0000000  0 20", "0.0000000  9 20"), "has the flag 9, and flags are 0 to 6"),

@@ -53,7 +53,7 @@ def test_the_outcomes_are_not_all_of_one_sort(found: list[Outcome]) -> None:
     """A reader that refused everything, or a judge that saw nothing, would pass the tests above."""
     count = Counter(one.outcome for one in found)
     assert count["refused"] > 150
-    assert count["same"] > 30
+    assert count["same"] > 15
     assert count["told"] >= 1
     assert count["well formed"] >= 1
     assert count["accepted"] > 5

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import gzip
+import re
 from collections.abc import Callable
 from pathlib import Path
 
@@ -175,6 +176,7 @@ FIRST = next(k for k, line in enumerate(LINES) if line.startswith("*"))
         (lambda t: t[: t.rindex("PG02") + 30], "is no coordinate of an SP3 file"),
         (lambda t: "\n".join(LINES[: FIRST + 1] + LINES[FIRST + 2 :]), "without G01 of the header; the file"),
         (lambda t: t.replace("PG02", "PG01", 1), "'G01' appears twice in its epoch"),
+        (lambda t: re.sub(r"(PG02.{14}).{14}", r"\1 999999.999999", t, count=1), "km from the Earth's centre"),
         (lambda t: t.replace("PG02", "PG05", 1), "'G05' is not a satellite of the header"),
         (lambda t: t.replace("PG02", "VG02", 1), "a velocity has no place here"),
         (lambda t: "\n".join([*LINES[:FIRST], *LINES[FIRST + 4 :]]), "the epoch 2024-03-20T00:00:00 is"),

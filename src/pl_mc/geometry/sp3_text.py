@@ -256,7 +256,7 @@ def _coordinates(path: Path, index: int, line: str) -> str:
             )
     values_km = [float(cell) for cell in cells]
     manoeuvre = line[78:79] == "M"
-    if manoeuvre or not any(values_km) or max(map(abs, values_km)) >= _NO_COORDINATE_KM:
+    if manoeuvre or not any(values_km) or min(map(abs, values_km)) >= _NO_COORDINATE_KM:
         return ""
     radius_m = 1e3 * float(np.sqrt(sum(value * value for value in values_km)))
     if not _ORBIT_RADIUS_M[0] < radius_m < _ORBIT_RADIUS_M[1]:

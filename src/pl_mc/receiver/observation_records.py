@@ -28,6 +28,7 @@ _EPOCH_3 = re.compile(
 _EPOCH_2 = re.compile(
     r" ([ \d]\d) ([ \d]\d) ([ \d]\d) ([ \d]\d) ([ \d]\d)((?:  \d| \d\d)\.\d{7})  \d[ \d]{3}", re.ASCII
 )
+_FIRST_TIME = re.compile(r" *\d{4}(?: +\d{1,2}){4} +\d{1,2}\.\d* *", re.ASCII)
 _VALUE = re.compile(r" *-?\d*\.\d{3}", re.ASCII)
 _VALUES = re.compile(r"[ \d.-]*", re.ASCII)
 _NAME_3 = re.compile(r"[A-Z][ \d]\d", re.ASCII)
@@ -300,6 +301,10 @@ def _require_values(line: str, begin: int, width: int, where: str) -> None:
 def _require_gps_time(file: RinexText) -> None:
     own = _TIME_OF_SYSTEM.get(file.header[0][40:41], "GPS")
     for line in file.labelled("TIME OF FIRST OBS"):
+        if line[:48].strip() and not _FIRST_TIME.fullmatch(line[:48]):
+            raise InputError(
+                f"{file.path}: the time in its header (TIME OF FIRST OBS) cannot be read; it is damaged."
+            )
         given = line[48:51].strip() or own
         if given not in _GPS_TIMES:
             raise InputError(f"{file.path}: its times are {given} (TIME OF FIRST OBS), and GPS time is needed.")

@@ -182,7 +182,8 @@ def worst_figure(worst: pd.DataFrame, *, alert: AlertLimits, title: str) -> Figu
                 markersize=7, color=style.colour, label=f"{method_label(method)}, largest of 5, 10, ..., 100 m",
             )  # fmt: skip
             # Open marks: with a warning, or the largest that a search saw without an estimate of its own.
-            rough = (shown.warning != "") | ~shown.refined.fillna(method == "ls").astype(bool)
+            estimated = shown.refined if "refined" in shown else pd.Series(True, index=shown.index)
+            rough = (shown.warning != "") | estimated.eq(False)
             for doubtful, fill in ((False, style.colour), (True, "white")):
                 at = (rough == doubtful).to_numpy()
                 if not at.any():
