@@ -96,6 +96,7 @@ HEALTH = r"^     2\.0{12}e\+00 0\.0{12}e\+00-9\.3"
         # A cut within the words of an event.
         (OBS_2, lambda t: t[: t.index("something") + 32], "cut short; its last line is not complete"),
         (OBS_2, lambda t: t[: t.index("COMMENT\n 20  6 25") + 3], "cut short; its last line is not complete"),
+        (OBS_3, lambda t: t.replace("DATA    M", "DATA    \u00ad", 1), "names the satellite system"),
         # Satellites and systems that the library skips in silence.
         (OBS_3, lambda t: re.sub(r"\nG\d\d", "\nG77", t, count=1), "'G77' is no satellite that exists"),
         (OBS_3, lambda t: re.sub(r"\nG(\d)", r"\nE\1", t, count=1), "of which the header lists no observations"),
@@ -103,6 +104,8 @@ HEALTH = r"^     2\.0{12}e\+00 0\.0{12}e\+00-9\.3"
         (OBS_3, lambda t: t.replace("G    2 C1C S1C", "G    3 C1C S1C"), "promises 3 observation types .* lists 2"),
         # Times of another system are fourteen seconds off, and none is in columns that have moved.
         (OBS_3, lambda t: t.replace("  2020     6    25", "  2020  58042    25", 1), "TIME OF FIRST OBS. cannot"),
+        (OBS_3, lambda t: t.replace("  2020     6    25", "  0     6    25", 1), "no TIME OF FIRST OBS"),
+        (OBS_3, lambda t: t.replace("0.0000000  0 20", "0.0000000  2020 20", 1), "no flag and number"),
         (OBS_3, lambda t: t.replace("     GPS  ", "     BDT  "), "its times are BDT"),
         (OBS_3, lambda t: t.replace("> 2020 06 25", "> 2020 06 31", 1), "is no date and time"),
         (OBS_3, lambda t: t.replace("0.0000000  0 20", "0.0000000  9 20"), "has the flag 9, and flags are 0 to 6"),
@@ -147,6 +150,7 @@ HEALTH = r"^     2\.0{12}e\+00 0\.0{12}e\+00-9\.3"
         ("YUMA almanac", lambda t: t.replace("PRN-05", "PRN-06"), "the heading says week 63 and PRN 6"),
         ("YUMA almanac", lambda t: t[: t.rindex("63")] + "6", "the heading says week 63"),
         ("YUMA almanac", lambda t: t.replace("63", "3", 2), "days apart"),
+        ("YUMA almanac", lambda t: re.sub(r"Mean Anom\(rad\)", "Mean Anom(r", t, count=1), "unit in .* is not whole"),
         ("YUMA almanac", lambda t: re.sub(r"(at Week\(rad\):).*", r"\1 00", t), "on both sides of its point"),
         ("YUMA almanac", lambda t: re.sub(r"(Anom\(rad\): +)\d", r"\1", t, count=1), "on both sides of its point"),
         ("YUMA almanac", lambda t: re.sub(r"ID: +05", "ID: 1_0", t), "a number is needed"),

@@ -175,6 +175,10 @@ def _yuma(path: Path, lines: Sequence[str]) -> Iterator[tuple[int, dict[str, flo
         if record is None or not colon:
             raise InputError(f"{path}: line {number}: a heading of asterisks or a field with a colon is needed.")
         words = words.strip().lower()
+        if words.count("(") != words.count(")"):
+            raise InputError(
+                f"{path}: line {number}: the unit in {line.strip()!r} is not whole; the file is damaged."
+            )
         name = next((name for start, name in _YUMA.items() if words.startswith(start)), None)
         if name is not None:
             if name in record:

@@ -40,6 +40,7 @@ _VALUES_ON_A_LINE_2, _NAMES_ON_A_LINE_2, _FIRST_NAME_2 = 5, 12, 32
 # Systems of time that run with that of GPS (RINEX 3.05, section 4.2; Galileo and QZSS by design), and the one that
 # a file of a single system means when it names none.
 _GPS_TIMES = ("GPS", "GAL", "QZS", "GST")
+_SYSTEMS_OF_FILES = ("", " ", *"GRECJISTM")
 _TIME_OF_SYSTEM = {"R": "GLO", "C": "BDT"}
 
 # What an epoch flag of 2 or more announces is no observation; a header line among it may change the columns.
@@ -262,7 +263,8 @@ def _checked_value(field: str, name: str, where: str) -> str:
 def _flag_and_count(text: str, where: str) -> tuple[int, int]:
     """Epoch flag and number of lines, in RINEX 2 of satellites, that follow."""
     flag, count = text[:1], text[1:4].strip() or "0"
-    if not (flag.isdigit() and count.isdigit() and flag.isascii() and count.isascii()):
+    leading = len(count) > 1 and count.startswith("0")
+    if leading or not (flag.isdigit() and count.isdigit() and flag.isascii() and count.isascii()):
         raise InputError(f"{where}: the epoch line has no flag and number of satellites where they belong.")
     if int(flag) > 6:
         raise InputError(f"{where}: the epoch line has the flag {flag}, and flags are 0 to 6.")
@@ -299,9 +301,17 @@ def _require_values(line: str, begin: int, width: int, where: str) -> None:
 
 
 def _require_gps_time(file: RinexText) -> None:
-    own = _TIME_OF_SYSTEM.get(file.header[0][40:41], "GPS")
-    for line in file.labelled("TIME OF FIRST OBS"):
-        if line[:48].strip() and not _FIRST_TIME.fullmatch(line[:48]):
+    system = file.header[0][40:41]
+    if system not in _SYSTEMS_OF_FILES:
+        raise InputError(
+            f"{file.path}: its first line names the satellite system {system!r}, which does not exist."
+        )
+    own = _TIME_OF_SYSTEM.get(system, "GPS")
+    lines = file.labelled("TIME OF FIRST OBS")
+    if not lines:
+        raise InputError(f"{file.path}: its header has no TIME OF FIRST OBS, which every RINEX file has.")
+    for line in lines:
+        if not _FIRST_TIME.fullmatch(line[:48]):
             raise InputError(
                 f"{file.path}: the time in its header (TIME OF FIRST OBS) cannot be read; it is damaged."
             )
