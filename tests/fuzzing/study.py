@@ -164,6 +164,9 @@ def summary(table: pd.DataFrame, seconds: float, slowest_s: float, seed: int) ->
         "experiment or a call says what its author wants; there is nothing to compare with. `fuzz.csv` has every "
         "kind with every damage, `examples.csv` the first refusal of each.",
         "",
+        "Earlier rounds had up to ten findings; each was mended and became a test (`test_findings.py`). The bound "
+        "above is of this round alone; another seed may find one more.",
+        "",
         f"One process on one core, {seconds:.0f} s in all, the slowest case {slowest_s:.2f} s; "
         f"Python {platform.python_version()}. Again: `python tests/fuzzing/study.py --count {total} "
         f"--seed {seed} --out FOLDER`.",

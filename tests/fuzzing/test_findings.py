@@ -150,7 +150,7 @@ HEALTH = r"^     2\.0{12}e\+00 0\.0{12}e\+00-9\.3"
         ("YUMA almanac", lambda t: t.replace("PRN-05", "PRN-06"), "the heading says week 63 and PRN 6"),
         ("YUMA almanac", lambda t: t[: t.rindex("63")] + "6", "the heading says week 63"),
         ("YUMA almanac", lambda t: t.replace("63", "3", 2), "days apart"),
-        ("YUMA almanac", lambda t: re.sub(r"Mean Anom\(rad\)", "Mean Anom(r", t, count=1), "unit in .* is not whole"),
+        ("YUMA almanac", lambda t: re.sub(r"Mean Anom\(rad\)", "Mean Anom(r", t, count=1), "unit in"),
         ("YUMA almanac", lambda t: re.sub(r"(at Week\(rad\):).*", r"\1 00", t), "on both sides of its point"),
         ("YUMA almanac", lambda t: re.sub(r"(Anom\(rad\): +)\d", r"\1", t, count=1), "on both sides of its point"),
         ("YUMA almanac", lambda t: re.sub(r"ID: +05", "ID: 1_0", t), "a number is needed"),
