@@ -20,6 +20,7 @@ from pl_mc.experiments.sweeps import PlannedSweep
 from pl_mc.faults import Faults, ramps
 from pl_mc.geometry import Geometry
 from pl_mc.host.threads import cores
+from pl_mc.integrity_risk.exposure import samples_of
 from pl_mc.methods import Method
 from pl_mc.service.grid import world_grid
 from pl_mc.service.levels import levels_from_geometry
@@ -150,7 +151,7 @@ def _beside_sweeps(experiment: Any) -> tuple[float, str]:
         return 0.0, ""
     rare, given = experiment.rare, experiment.exposure
     estimates = len(experiment.noises) * len(set(rare.sizes_m)) * len(rare.methods)
-    samples = max(1, round(given.duration_s / given.interval_s)) * given.draws
+    samples = samples_of(given.duration_s, given.interval_s) * given.draws
     solved = samples * len(set(given.sizes_m)) * len(set(given.taus_s)) * len(experiment.method_records())
     seconds = estimates * rare.max_evaluations / RARE_EVALUATIONS_PER_S + solved / EXPOSURE_SAMPLES_PER_S
     return seconds, f"; as if all {estimates} rare events had to be estimated, which only a run can tell"

@@ -11,8 +11,6 @@ last two turn a line of sight by the satellite's speed over that of light, 1.4e-
 from __future__ import annotations
 
 import os
-import subprocess
-import sys
 import tempfile
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -24,6 +22,7 @@ from numpy.typing import ArrayLike, NDArray
 from pl_mc.constants import EARTH_GM_M3_S2, EARTH_ROTATION_RAD_S
 from pl_mc.geometry import sp3_worker as worker
 from pl_mc.geometry.sp3_text import NUMBERS, Sp3Table, iso_date, read_sp3_text
+from pl_mc.host.rtklib_child import run_rtklib_child
 from pl_mc.input_errors import InputError, nearest, shown
 
 # Synchronous orbits have a radius of 42,164 km, medium ones of BeiDou 27,906 km; geostationary ones are inclined by
@@ -200,18 +199,15 @@ def _interpolated_m(
             Path(folder, f"{letter}.sp3").write_text(text, encoding="latin-1", newline="\n")
         # Within the digits of the time, no epoch lies outside the file.
         np.save(Path(folder, worker.TIMES), time_gps_s.clip(table.first_gps_s, table.last_gps_s))
-        # -P keeps this package's folder, with its common module names, off the child's import path.
-        command = [sys.executable, "-P", worker.__file__, folder, ",".join(names)]
-        try:
-            done = subprocess.run(command, capture_output=True, timeout=limit_s, check=False)
-        except subprocess.TimeoutExpired:
-            raise InputError(f"{table.path}: interpolating it was given up after {limit_s:.0f} s.") from None
-        message = done.stderr.decode("utf-8", "replace").strip()
-        if done.returncode == worker.EXIT_NO_LIBRARY:
-            raise InputError(f"sp3: the library pyrtklib cannot be loaded here ({message}).")
-        if done.returncode != 0:
-            last = message.splitlines()[-1] if message else f"exit code {done.returncode}"
-            raise InputError(f"{table.path}: RTKLIB cannot evaluate it ({last}); is it damaged?")
+        run_rtklib_child(
+            worker.__file__,
+            [folder, ",".join(names)],
+            limit_s=limit_s,
+            exit_no_library=worker.EXIT_NO_LIBRARY,
+            owner="sp3",
+            given_up=lambda limit: f"{table.path}: interpolating it was given up after {limit}.",
+            failed=lambda reason: f"{table.path}: RTKLIB cannot evaluate it ({reason}); is it damaged?",
+        )
         return np.load(Path(folder, worker.RESULT))
 
 

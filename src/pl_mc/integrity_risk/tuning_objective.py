@@ -30,6 +30,10 @@ from pl_mc.methods.base import outcome_of
 
 FloatArray = NDArray[np.float64]
 
+# Design (n, t) [m/m], sigma (n,) [m], bias (n,) [m], whitened noise (N, n), vertical alert limit [m], whether the
+# event is the misleading one.
+Scenario = tuple[Array, Array, Array, Array, Array, Array]
+
 VPL, ALARMS = "vpl", "alarms"
 OBJECTIVES = (VPL, ALARMS)
 
@@ -132,11 +136,11 @@ class TuningProblem:
                     np.bool_(self.misleading),
                 )  # fmt: skip
                 if not slopes:
-                    values = _values(limits, *scenario, options=self.options)
+                    values = _values(limits, scenario, options=self.options)
                     found[0, :, here] = np.asarray(values)[:, : len(some)]
                     continue
                 for j, direction in enumerate(np.eye(2)):
-                    part = np.asarray(_with_slope(limits, direction, *scenario, options=self.options))
+                    part = np.asarray(_with_slope(limits, direction, scenario, options=self.options))
                     found[[0, 1 + j], :, here] = part[:, :, : len(some)]
         return found
 
@@ -227,15 +231,11 @@ def _limited(k0: Array, k1: Array) -> Igg3Weight:
 
 def _logs(
     limits: Array,
-    design: Array,
-    sigma_m: Array,
-    bias_m: Array,
-    noise: Array,
-    vertical_m: Array,
-    misleading: Array,
+    scenario: Scenario,
     options: IrlsOptions,
 ) -> Array:
     """(2, N), logarithms of the ratio and of the level for a multiplier of one."""
+    design, sigma_m, bias_m, noise, vertical_m, misleading = scenario
     model = linear_model(design, sigma_m)
     traced = replace(options, weight=_limited(limits[0], limits[1]))
 
@@ -264,35 +264,25 @@ def _logs(
 @functools.partial(jax.jit, static_argnames=("options",))
 def _values(
     limits: Array,
-    design: Array,
-    sigma_m: Array,
-    bias_m: Array,
-    noise: Array,
-    vertical_m: Array,
-    misleading: Array,
+    scenario: Scenario,
     *,
     options: IrlsOptions,
 ) -> Array:
     """(2, N), see `_logs`."""
-    return _logs(limits, design, sigma_m, bias_m, noise, vertical_m, misleading, options)
+    return _logs(limits, scenario, options)
 
 
 @functools.partial(jax.jit, static_argnames=("options",))
 def _with_slope(
     limits: Array,
     direction: Array,
-    design: Array,
-    sigma_m: Array,
-    bias_m: Array,
-    noise: Array,
-    vertical_m: Array,
-    misleading: Array,
+    scenario: Scenario,
     *,
     options: IrlsOptions,
 ) -> Array:
     """(2, 2, N), the same with the derivative along a direction of (k0, k1)."""
 
     def logs(limits: Array) -> Array:
-        return _logs(limits, design, sigma_m, bias_m, noise, vertical_m, misleading, options)
+        return _logs(limits, scenario, options)
 
     return jnp.stack(jax.jvp(logs, (limits,), (direction,)))

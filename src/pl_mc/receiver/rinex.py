@@ -7,8 +7,6 @@ RINEX 2.11, 3 and 4 are checked in Python and brought to one form (`pl_mc.receiv
 
 from __future__ import annotations
 
-import subprocess
-import sys
 import tempfile
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -19,6 +17,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pl_mc.geometry.record import SYSTEM_NAMES
+from pl_mc.host.rtklib_child import run_rtklib_child
 from pl_mc.input_errors import InputError
 from pl_mc.receiver import rtklib_worker as worker
 from pl_mc.receiver.navigation_records import checked_navigation
@@ -167,18 +166,15 @@ def _evaluate(
         paths = [Path(folder, name) for name in ("observations.rnx", "navigation.rnx", "result.npz")]
         for path, text in zip(paths, (observations, navigation), strict=False):
             path.write_text(text, encoding="latin-1", newline="\n")
-        # -P keeps this package's folder, with its common module names, off the child's import path.
-        command = [sys.executable, "-P", worker.__file__, *map(str, paths), "".join(systems)]
-        try:
-            done = subprocess.run(command, capture_output=True, timeout=limit_s, check=False)
-        except subprocess.TimeoutExpired:
-            raise InputError(f"{pair}: reading them was given up after {limit_s:.0f} s; is one damaged?") from None
-        message = done.stderr.decode("utf-8", "replace").strip()
-        if done.returncode == worker.EXIT_NO_LIBRARY:
-            raise InputError(f"receiver files: the library pyrtklib cannot be loaded here ({message}).")
-        if done.returncode != 0:
-            last = message.splitlines()[-1] if message else f"exit code {done.returncode}"
-            raise InputError(f"{pair}: RTKLIB cannot evaluate them ({last}); is one damaged?")
+        run_rtklib_child(
+            worker.__file__,
+            [*map(str, paths), "".join(systems)],
+            limit_s=limit_s,
+            exit_no_library=worker.EXIT_NO_LIBRARY,
+            owner="receiver files",
+            given_up=lambda limit: f"{pair}: reading them was given up after {limit}; is one damaged?",
+            failed=lambda reason: f"{pair}: RTKLIB cannot evaluate them ({reason}); is one damaged?",
+        )
         with np.load(paths[2]) as result:
             return dict(result)
 
