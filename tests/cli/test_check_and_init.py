@@ -16,8 +16,8 @@ from pl_mc.experiments.checking import check_experiment, field_lines
 from pl_mc.experiments.cost import cost_of
 from pl_mc.experiments.field_meanings import meaning, meanings_of
 from pl_mc.experiments.loading import build_experiment, experiment_files, load_experiment
-from pl_mc.experiments.registry import KINDS
 from pl_mc.experiments.template import template, template_for
+from pl_mc.studies.registry import KINDS
 
 WRONG = """kind = "sweep"
 title = "Wrong in many ways"

@@ -13,7 +13,7 @@ import pytest
 
 from pl_mc.cli.main import main
 from pl_mc.engine import plan, task
-from pl_mc.experiments import registry
+from pl_mc.studies import registry
 
 SMALL = """
 kind = "sweep"

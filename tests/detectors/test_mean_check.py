@@ -154,7 +154,7 @@ def test_types_are_kept() -> None:
 
 
 @pytest.mark.parametrize(
-    ("counts", "redundancies", "reading", "words"),
+    ("counts", "dof", "reading", "words"),
     [
         ({"G": 7}, 3, "shift_kept", "BeiDou has no satellite in view to compare GPS with"),
         ({"C": 7, "E": 5}, 3, "shift_kept", "GPS has no satellite"),
@@ -163,8 +163,8 @@ def test_types_are_kept() -> None:
         ({"G": 4, "C": 9}, 8, "separate_fits", "GPS has 4 satellites"),
     ],
 )
-def test_reasons_against(counts: dict[str, int], redundancies: int, reading: str, words: str) -> None:
-    reason = MeanCheck(reading).reason_against(View(counts, redundancies, determined=True))
+def test_reasons_against(counts: dict[str, int], dof: int, reading: str, words: str) -> None:
+    reason = MeanCheck(reading).reason_against(View(counts, dof, determined=True))
     assert reason is not None
     assert words in reason
     assert MeanCheck(reading).reason_against(View({"G": 5, "C": 5}, 5, determined=True)) is None

@@ -14,9 +14,9 @@ import pytest
 
 from pl_mc.engine.core import count_events
 from pl_mc.engine.noise import LANES
-from pl_mc.host.precision import dtype_of
 from pl_mc.input_errors import InputError
 from pl_mc.methods import as_methods
+from pl_mc.runtime.precision import dtype_of
 from reference import small_sweep as small
 from reference.small_sweep import cut
 

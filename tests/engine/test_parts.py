@@ -14,8 +14,8 @@ from hypothesis import strategies as st
 
 import pl_mc
 from pl_mc.engine import identity
+from pl_mc.engine.checkpoint_store import BadPart, PartStore, is_whole, read_rows
 from pl_mc.engine.noise import LANES
-from pl_mc.engine.part_files import BadPart, PartStore, is_whole, read_rows
 from pl_mc.engine.table import fault_table
 from pl_mc.engine.task import SweepTask
 from pl_mc.engine.totals import FaultTotals

@@ -20,8 +20,8 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 import pl_mc
-from pl_mc.engine import part_files
-from pl_mc.engine.part_files import PartStore
+from pl_mc.engine import checkpoint_store
+from pl_mc.engine.checkpoint_store import PartStore
 from pl_mc.engine.task import SweepTask
 from pl_mc.input_errors import InputError
 from pl_mc.methods import Igg3, as_methods
@@ -296,7 +296,7 @@ def test_a_full_disk(finished, file, workers):
     with cut(2), tempfile.TemporaryDirectory() as name:
         here = Path(name, "sweep")
         with pytest.MonkeyPatch.context() as patch:
-            patch.setattr(part_files.os, "fsync", full)
+            patch.setattr(checkpoint_store.os, "fsync", full)
             with pytest.raises(InputError) as caught:
                 small.run(folder=here, workers=workers)
         place = here / (f"part-{file - 1:06d}.parquet" if file else IDENTITY_FILE)

@@ -10,13 +10,13 @@ import pytest
 
 import pl_mc
 from pl_mc.alert import LPV_200
-from pl_mc.experiments.compare_run import equal_table, overview_table
 from pl_mc.experiments.loading import build_experiment, load_experiment
 from pl_mc.experiments.running import run_experiment
 from pl_mc.input_errors import InputError
 from pl_mc.methods import METHODS
-from pl_mc.report.compare_methods_figures import EqualTables, same_curves
-from pl_mc.report.compare_methods_text import findings
+from pl_mc.studies.compare.figures import EqualTables, same_curves
+from pl_mc.studies.compare.run import equal_table, overview_table
+from pl_mc.studies.compare.text import findings
 
 DRAWS, SEED = 3000, 5
 RAMP = {"satellite": "G22", "start_m": 20.0, "stop_m": 40.0, "step_m": 20.0}

@@ -9,20 +9,20 @@ import pandas as pd
 import pytest
 
 import pl_mc
-from pl_mc.experiments.compare_day import (
+from pl_mc.experiments.loading import build_experiment
+from pl_mc.experiments.running import run_experiment
+from pl_mc.geometry.record import UP
+from pl_mc.input_errors import InputError
+from pl_mc.methods import MaxDop, Slope, WTest
+from pl_mc.statistics import clopper_pearson
+from pl_mc.studies.compare.day import (
     DAY,
     WORST,
     comparable_elsewhere,
     further_geometries,
     significance_of_largest,
 )
-from pl_mc.experiments.loading import build_experiment
-from pl_mc.experiments.running import run_experiment
-from pl_mc.geometry.record import UP
-from pl_mc.input_errors import InputError
-from pl_mc.methods import MaxDop, Slope, WTest
-from pl_mc.report.compare_methods_orders import mean_rates, orders
-from pl_mc.statistics import clopper_pearson
+from pl_mc.studies.compare.orders import mean_rates, orders
 
 EVERY, DRAWS, SEED = 2, 300, 5
 GEOMETRY = {"epochs": 5, "interval_s": 9_000.0, "epoch": 1}
@@ -47,7 +47,7 @@ def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
     out = tmp_path_factory.mktemp("compare-day") / "out"
     # Figures are made and not drawn, which takes longer than all the rest.
     with pytest.MonkeyPatch.context() as patched:
-        patched.setattr("pl_mc.experiments.compare_run.save_figure", lambda *_: None)
+        patched.setattr("pl_mc.studies.compare.run.save_figure", lambda *_: None)
         run_experiment("small", build_experiment(SMALL, source="test"), out)
     return out
 
@@ -107,7 +107,7 @@ def test_the_summary_has_all_geometries_and_tests_of_one_rate(folder: Path) -> N
 def test_the_largest_w_keeps_its_false_alarm_rate(series: pl_mc.Geometry, monkeypatch: pytest.MonkeyPatch) -> None:
     """By other draws; and with one redundant satellite, where all |w| are one number, it is the rate itself."""
     p_fa, draws, behind, g = 0.01, 100_000, 200_000, series[0]
-    monkeypatch.setattr("pl_mc.experiments.compare_day._CALIBRATION", behind)
+    monkeypatch.setattr("pl_mc.studies.compare.day._CALIBRATION", behind)
     alpha = significance_of_largest(g, p_fa, seed=3)
     (test,) = comparable_elsewhere([WTest(exclusions=0, final="local"), MaxDop(p_fa=0.2)], p_fa, g, seed=3)
     assert test.alpha == alpha

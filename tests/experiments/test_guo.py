@@ -10,12 +10,12 @@ import numpy as np
 import pandas as pd
 import pytest
 
-from pl_mc.experiments.guo_run import GuoExperiment, without_satellites
-from pl_mc.experiments.guo_series import crossed_factors
 from pl_mc.experiments.loading import build_experiment, load_experiment
 from pl_mc.experiments.running import run_experiment
 from pl_mc.input_errors import InputError
-from pl_mc.report.guo2022 import COUNTED, PRINTED
+from pl_mc.studies.guo.run import GuoExperiment, without_satellites
+from pl_mc.studies.guo.series import crossed_factors
+from pl_mc.studies.guo.text import COUNTED, PRINTED
 
 GEO = ["C01", "C02", "C03", "C04", "C05", "C59", "C60", "C61"]
 SMALL: dict[str, Any] = {

@@ -9,10 +9,10 @@ import pandas as pd
 import pytest
 
 from pl_mc.experiments.loading import build_experiment
-from pl_mc.experiments.readings_run import distance_table
 from pl_mc.experiments.running import run_experiment
 from pl_mc.input_errors import InputError
-from pl_mc.report.zhao2021 import ACCURACY_COLUMNS
+from pl_mc.studies.readings.run import distance_table
+from pl_mc.studies.series.zhao2021 import ACCURACY_COLUMNS
 
 SMALL = {
     "kind": "readings",

@@ -10,9 +10,7 @@ import pandas as pd
 import pytest
 
 import pl_mc
-from pl_mc.experiments.loading import build_experiment
-from pl_mc.experiments.running import run_experiment
-from pl_mc.experiments.stanford_counts import (
+from pl_mc.engine.stanford import (
     BEYOND,
     HAZARDOUS,
     MISLEADING,
@@ -22,6 +20,8 @@ from pl_mc.experiments.stanford_counts import (
     Grid,
     stanford_counts,
 )
+from pl_mc.experiments.loading import build_experiment
+from pl_mc.experiments.running import run_experiment
 from pl_mc.input_errors import InputError
 from pl_mc.methods import as_methods
 from pl_mc.statistics import clopper_pearson

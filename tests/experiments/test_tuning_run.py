@@ -13,7 +13,7 @@ import pl_mc
 from pl_mc.experiments.loading import build_experiment
 from pl_mc.experiments.running import run_experiment
 from pl_mc.input_errors import InputError
-from pl_mc.integrity_risk import tuning
+from pl_mc.integrity_risk.tuning import tune as tuning
 from pl_mc.methods import Igg3
 
 TUNING = {

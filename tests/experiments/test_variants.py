@@ -15,12 +15,12 @@ import pl_mc
 from pl_mc.engine.noise import LANES, epoch_key, unit_noise
 from pl_mc.experiments.loading import build_experiment, load_experiment
 from pl_mc.experiments.running import run_experiment
-from pl_mc.experiments.variants_run import fault_classes, strongest_and_weakest
 from pl_mc.input_errors import InputError
 from pl_mc.kernels import linear_model, start_from
 from pl_mc.methods import Igg3, method
 from pl_mc.methods.gated_igg3 import GatedIgg3
 from pl_mc.statistics import binomial_p_value
+from pl_mc.studies.variants.run import fault_classes, strongest_and_weakest
 from reference import igg3_numpy as reference
 from reference.problems import random_sky
 

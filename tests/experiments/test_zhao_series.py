@@ -14,10 +14,10 @@ import pytest
 import pl_mc
 from pl_mc.experiments.loading import build_experiment, load_experiment
 from pl_mc.experiments.running import run_experiment
-from pl_mc.experiments.series_run import SeriesExperiment, solved
-from pl_mc.experiments.series_sources import drawn_errors_m
-from pl_mc.experiments.window_faults import WindowFaults, in_view_throughout
-from pl_mc.report.zhao2021 import PAPER
+from pl_mc.studies.series.run import SeriesExperiment, solved
+from pl_mc.studies.series.sources import drawn_errors_m
+from pl_mc.studies.series.window_faults import WindowFaults, in_view_throughout
+from pl_mc.studies.series.zhao2021 import PAPER
 
 WINDOWS = [(10, 24), (40, 59)]
 SMALL: dict[str, Any] = {

@@ -12,14 +12,14 @@ import pytest
 from sp3_files import GM_M3_S2, START_GPS_S, TURN_RAD_S, changed, constellation, sp3
 
 import pl_mc
-from pl_mc.experiments.common import SimulatedGeometry
 from pl_mc.experiments.loading import build_experiment
-from pl_mc.experiments.series_sources import SiteSource
 from pl_mc.geometry import sp3 as adapter
 from pl_mc.geometry.frames import enu_rotation, geodetic
 from pl_mc.geometry.sites import site_position_m
 from pl_mc.geometry.sp3 import PreciseOrbits, sp3_orbits
 from pl_mc.input_errors import InputError
+from pl_mc.studies.series.sources import SiteSource
+from pl_mc.studies.spec import SimulatedGeometry
 
 ORBITS = constellation()
 EVERY = ("GPS", "GAL", "BDS-2", "BDS-3")

@@ -18,10 +18,10 @@ from pl_mc.alert import LPV_200, AlertLimits
 from pl_mc.faults import Faults, biases, no_fault
 from pl_mc.geometry.record import Geometry
 from pl_mc.input_errors import InputError
-from pl_mc.integrity_risk.calibrate import calibrate, fewest_draws, order_bounds
-from pl_mc.integrity_risk.ratio import RatioState, ratio_state
-from pl_mc.integrity_risk.ratio_curve import TailCurve, tail_curve
-from pl_mc.integrity_risk.worst_multiplier import neediest_fault
+from pl_mc.integrity_risk.k_factor.calibrate import calibrate, fewest_draws, order_bounds
+from pl_mc.integrity_risk.k_factor.error_to_level_ratio import RatioState, ratio_state
+from pl_mc.integrity_risk.k_factor.exceedance_curve import TailCurve, tail_curve
+from pl_mc.integrity_risk.k_factor.worst_fault import neediest_fault
 from pl_mc.kernels import linear_model, start_from
 from pl_mc.methods import Igg3, Ls
 from pl_mc.statistics import binomial_p_value, ls_rates
@@ -354,7 +354,7 @@ def test_multiplier_from_a_curve_and_its_check() -> None:
 
 def test_two_estimates_that_disagree_give_no_number(monkeypatch: pytest.MonkeyPatch) -> None:
     from pl_mc.integrity_risk import multiplier_curve
-    from pl_mc.integrity_risk.importance import ImportanceRun
+    from pl_mc.integrity_risk.rare.importance import ImportanceRun
 
     def half(limit, rng, **options) -> ImportanceRun:
         return ImportanceRun(2e-5, 2e-7, 500.0, 1e4, 1e-3, 1000)

@@ -8,7 +8,7 @@ import pytest
 
 import pl_mc
 from pl_mc.input_errors import InputError
-from pl_mc.integrity_risk.exposure import exposure
+from pl_mc.integrity_risk.rare.exposure import exposure
 from pl_mc.statistics.intervals import binomial_p_value
 from reference.problems import random_geometry
 

@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 from scipy import stats
 
-from pl_mc.integrity_risk.importance import Tally, importance_sampling
-from pl_mc.integrity_risk.mixture import Mixture, fit, join, normal
+from pl_mc.integrity_risk.rare.importance import Tally, importance_sampling
+from pl_mc.integrity_risk.rare.mixture import Mixture, fit, join, normal
 from reference.known_events import CORNERS, FAR_HALF_SPACE, HALF_SPACE, NEVER, SHELL, Known
 
 

@@ -10,7 +10,7 @@ from hypothesis import strategies as st
 
 import pl_mc
 from pl_mc.engine.events import EVENTS, events
-from pl_mc.integrity_risk.limit_state import FAR_M, RISK_EVENTS, LimitState, limit_state, rotation
+from pl_mc.integrity_risk.rare.limit_state import FAR_M, RISK_EVENTS, LimitState, limit_state, rotation
 from pl_mc.methods import Igg3, Ls, Method, Outcome
 from reference.problems import appendix_d, random_series
 

@@ -10,9 +10,9 @@ from scipy import stats
 import pl_mc
 from pl_mc.engine.checks import LARGEST_SEED
 from pl_mc.input_errors import InputError
-from pl_mc.integrity_risk.importance import ImportanceRun
-from pl_mc.integrity_risk.rare import FEWEST_EVALUATIONS, estimate_risk, judge, risk
-from pl_mc.integrity_risk.subset import SubsetRun
+from pl_mc.integrity_risk.rare.importance import ImportanceRun
+from pl_mc.integrity_risk.rare.risk import FEWEST_EVALUATIONS, estimate_risk, judge, risk
+from pl_mc.integrity_risk.rare.subset import SubsetRun
 from pl_mc.methods import Igg3
 from pl_mc.statistics import clopper_pearson
 from reference.problems import appendix_d, random_geometry, random_series

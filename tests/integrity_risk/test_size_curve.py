@@ -9,8 +9,8 @@ import pytest
 from scipy import stats
 
 from pl_mc.alert import AlertLimits
-from pl_mc.integrity_risk.limit_state import LimitState, rotation
-from pl_mc.integrity_risk.size_curve import (
+from pl_mc.integrity_risk.rare.limit_state import LimitState, rotation
+from pl_mc.integrity_risk.worst.bias_curve import (
     LEAST_ESS,
     SIZES_M,
     Region,

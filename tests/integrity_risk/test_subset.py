@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from scipy import stats
 
-from pl_mc.integrity_risk.subset import climb, rejuvenate, subset_simulation
+from pl_mc.integrity_risk.rare.subset import climb, rejuvenate, subset_simulation
 from reference.known_events import CORNERS, HALF_SPACE, NEVER, PLATEAU, SHELL, Known
 
 

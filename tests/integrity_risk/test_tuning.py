@@ -13,10 +13,10 @@ from scipy import stats
 import pl_mc
 from pl_mc.geometry.record import Geometry
 from pl_mc.input_errors import InputError
-from pl_mc.integrity_risk import tuning
-from pl_mc.integrity_risk.tuning import tune
-from pl_mc.integrity_risk.tuning_draws import weighted_noise
-from pl_mc.integrity_risk.tuning_objective import TuningProblem, WeightedNoise, cost, weighted_quantile
+from pl_mc.integrity_risk.tuning import tune as tuning
+from pl_mc.integrity_risk.tuning.draws import weighted_noise
+from pl_mc.integrity_risk.tuning.objective import TuningProblem, WeightedNoise, cost, weighted_quantile
+from pl_mc.integrity_risk.tuning.tune import tune
 from pl_mc.kernels import Igg3Weight, linear_model, start_from
 from pl_mc.methods import Igg3
 from reference.problems import appendix_d

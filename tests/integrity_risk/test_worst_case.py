@@ -16,8 +16,8 @@ from pl_mc.engine import sweep
 from pl_mc.faults import Faults, biases, no_fault, ramps
 from pl_mc.geometry.record import Geometry
 from pl_mc.input_errors import InputError
-from pl_mc.integrity_risk.ls_exact import event_probability, ls_epoch, peaks, upper_bound, worst_direction
-from pl_mc.integrity_risk.worst_case import exact_worst, worst_case
+from pl_mc.integrity_risk.worst.ls_exact import event_probability, ls_epoch, peaks, upper_bound, worst_direction
+from pl_mc.integrity_risk.worst.worst_case import exact_worst, worst_case
 from pl_mc.methods import Igg3, Ls
 from pl_mc.statistics import binomial_p_value, ls_rates
 from reference.problems import appendix_d, random_counts, random_geometry, random_series

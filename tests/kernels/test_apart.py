@@ -12,7 +12,7 @@ import pytest
 import pl_mc
 from pl_mc.engine.plan import make_plan
 from pl_mc.kernels import IrlsOptions, irls, linear_model, start_from
-from pl_mc.kernels.apart import eliminate_apart
+from pl_mc.kernels.clock_elimination import eliminate_clocks
 from pl_mc.kernels.small_matrix import lower_triangle
 from reference.problems import appendix_d, random_problem
 
@@ -22,10 +22,10 @@ ROWS, CLOCKS = 24, 3
 TOLERANCE = 1e-10
 
 
-@functools.partial(jax.jit, static_argnames=("clocks_apart",))
-def estimates(design, sigma_m, observed_m, in_view, *, clocks_apart):
+@functools.partial(jax.jit, static_argnames=("one_clock_per_row",))
+def estimates(design, sigma_m, observed_m, in_view, *, one_clock_per_row):
     def one(design, sigma_m, observed_m, in_view):
-        model = linear_model(design, sigma_m, in_view, clocks_apart=clocks_apart)
+        model = linear_model(design, sigma_m, in_view, one_clock_per_row=one_clock_per_row)
         return irls(model, start_from(model, jnp.where(in_view, observed_m, 0.0)), IrlsOptions())
 
     return jax.vmap(one)(design, sigma_m, observed_m, in_view)
@@ -39,7 +39,7 @@ def test_estimates_do_not_depend_on_the_elimination():
     # A geometry that determines nothing, and one with too few satellites.
     arrays[3][0] = False
     arrays[3][1, np.flatnonzero(arrays[3][1])[4:]] = False
-    apart, general = (estimates(*arrays, clocks_apart=flag) for flag in (True, False))
+    apart, general = (estimates(*arrays, one_clock_per_row=flag) for flag in (True, False))
     np.testing.assert_array_equal(apart.available, general.available)
     assert not apart.available[:2].any()
     assert apart.available.sum() > 50
@@ -70,7 +70,7 @@ def test_solution_cofactors_and_flags(t):
     packed = np.stack([normal[:, row, column] for row, column in lower_triangle(t)])
     floor = np.full(t, 1e-9)
     given = [jnp.asarray(x) for x in (packed, right, floor, np.zeros(t))]
-    found = eliminate_apart(*given, jnp.asarray(True), cofactors=True)
+    found = eliminate_clocks(*given, jnp.asarray(True), cofactors=True)
     np.testing.assert_array_equal(found.regular, np.arange(lanes) > 2)
     assert all(np.isfinite(part).all() for part in (*found.solution, *found.cofactors))
     inverse = np.linalg.inv(normal[3:])
@@ -80,11 +80,11 @@ def test_solution_cofactors_and_flags(t):
     np.testing.assert_allclose(
         np.stack(found.cofactors)[:, 3:].T, np.diagonal(inverse, axis1=1, axis2=2)[:, :3], rtol=1e-10
     )
-    assert not eliminate_apart(*given, jnp.asarray(False)).regular.any()
+    assert not eliminate_clocks(*given, jnp.asarray(False)).regular.any()
     # The clock that dropped out is zero and the rest as without it.
     empty = np.zeros(t)
     empty[3] = 1.0
-    dropped = eliminate_apart(*given[:3], jnp.asarray(empty), jnp.asarray(True))
+    dropped = eliminate_clocks(*given[:3], jnp.asarray(empty), jnp.asarray(True))
     if t > 4:
         keep = np.arange(t) != 3
         expected = np.linalg.solve(normal[0][np.ix_(keep, keep)], right[keep, 0])
@@ -95,12 +95,12 @@ def test_solution_cofactors_and_flags(t):
 def test_a_sweep_uses_it_only_where_clocks_are_apart():
     g = appendix_d()
     faults = pl_mc.biases(g, {g.names[0]: 10.0})
-    assert make_plan(g, faults, 100).clocks_apart
+    assert make_plan(g, faults, 100).one_clock_per_row
     design = g.design.copy()
     # One common clock and the offset of the second system: the same space, but rows with two clocks.
     design[:, 3] = 1.0
     mixed = pl_mc.Geometry.from_arrays(design, g.sigma_m, list(g.systems), list(g.names))
-    assert not make_plan(mixed, faults, 100).clocks_apart
+    assert not make_plan(mixed, faults, 100).one_clock_per_row
     pair = [pl_mc.sweep(x, faults, draws=2_000, seed=3, alert=pl_mc.LPV_200) for x in (g, mixed)]
     counts = ["alarms", "hazards", "missed", "exceeded", "misleading", "unavailable"]
     np.testing.assert_array_equal(pair[0][counts], pair[1][counts])

@@ -108,7 +108,7 @@ def test_redundancy_numbers_of_appendix_d():
     np.testing.assert_allclose(model.redundancy, expected, rtol=0, atol=5.1e-7)
     np.testing.assert_allclose(np.sum(model.redundancy), 5, rtol=1e-12)
     np.testing.assert_allclose(model.cofactor[2], 3.16569275, rtol=0, atol=5.1e-9)
-    assert model.redundancies == 5
+    assert model.dof == 5
     assert model.unknowns == 5
 
 

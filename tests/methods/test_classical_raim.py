@@ -131,15 +131,15 @@ def test_slope(solved, form):
     levels = oracle.slope_levels(design, sigma, rows, form, P_FA, P_MD)
     assert_levels(found, levels)
     fits = each_fit(design, sigma, observed, rows)
-    assert_each(found, [(f.error, levels, f.square_sum > stats.chi2.isf(P_FA, f.freedom)) for f in fits])
+    assert_each(found, [(f.error, levels, f.square_sum > stats.chi2.isf(P_FA, f.dof)) for f in fits])
 
 
 def test_max_dop(solved):
     """By the DOPs of sets that are solved anew; the change of the DOP is the slope (Brown 1992)."""
     (design, sigma, _, _), rows, found, _, _ = solved
     whole, *subsets = oracle.subset_dops(design, sigma, rows)
-    freedom = oracle.fit(design, sigma, np.zeros(10), rows).freedom
-    size = oracle.size("noncentral", freedom, P_FA, P_MD)
+    dof = oracle.fit(design, sigma, np.zeros(10), rows).dof
+    size = oracle.size("noncentral", dof, P_FA, P_MD)
     change = np.sqrt(np.max(np.square(subsets) - whole**2, axis=0))
     change, slope = found[MaxDop(**RISKS)], (found[Slope(**RISKS)], change * size)
     assert_levels(change, slope[1])
@@ -153,8 +153,8 @@ def test_the_parity_vector_is_as_long_as_the_residuals(solved):
     """Q A = 0, Q Q' = I on n - t rows, Q'Q = I - A N^-1 A'P: |p|^2 = V'PV draw by draw, one test is the other."""
     (design, sigma, observed, in_view), rows, found, (parity, residuals), basis = solved
     fits = each_fit(design, sigma, observed, rows)
-    freedom = fits[0].freedom
-    np.testing.assert_allclose(basis @ basis.T, np.diag(np.arange(10) < freedom), atol=TOLERANCE)
+    dof = fits[0].dof
+    np.testing.assert_allclose(basis @ basis.T, np.diag(np.arange(10) < dof), atol=TOLERANCE)
     np.testing.assert_allclose((basis.T @ basis)[np.ix_(rows, rows)], fits[0].redundancy_matrix, atol=TOLERANCE)
     np.testing.assert_allclose(basis @ np.where(in_view[:, None], design / sigma[:, None], 0), 0, atol=1e-10)
     np.testing.assert_allclose(parity, residuals, rtol=TOLERANCE)
@@ -190,7 +190,7 @@ def test_w_test(solved):
         levels = np.array(oracle.slopes(design, sigma, used.rows)) * delta
         reliable.append((used.error, levels, local))
         used, _, whole = oracle.w_test(*problem_of_lane, 2, P_FA)
-        m = np.sqrt(used.square_sum / used.freedom)
+        m = np.sqrt(used.square_sum / used.dof)
         posterior.append((used.error, oracle.sigma_levels(used.covariance, 6.18 * m, 5.33 * m), whole))
     assert_each(found[WTest()], plain)
     assert_each(found[WTest(exclusions=3, form="reliability", final="local")], reliable)
@@ -217,8 +217,8 @@ def test_nioraim(solved):
     if not plain.available.all():
         assert not of.available.any()
         return
-    freedom = oracle.fit(design, sigma, np.zeros(10), rows).freedom
-    least = oracle.least_slope(design, sigma, rows, 2) * oracle.size("noncentral", freedom, P_FA, P_MD)
+    dof = oracle.fit(design, sigma, np.zeros(10), rows).dof
+    least = oracle.least_slope(design, sigma, rows, 2) * oracle.size("noncentral", dof, P_FA, P_MD)
     assert np.all(of.vpl_m >= least * (1 - TOLERANCE))
     assert np.all(of.vpl_m <= np.minimum(plain.vpl_m * (1 + TOLERANCE), 1.03 * least))
     horizontal = found[Nioraim(**RISKS, iterations=60, target="horizontal")]
@@ -263,8 +263,8 @@ def test_thresholds_of_the_literature():
         (1 / 15000, [3.98792, 4.38539, 4.68560, 4.93879, 5.16259, 5.36564, 5.55301, 5.72792, 5.89265, 6.04884]),
         (3.3333e-7, [5.10383, 5.46152, 5.73854, 5.97522, 6.18628, 6.37900, 6.55774, 6.72514, 6.88354, 7.03383]),
     ):
-        freedom = np.arange(1, 11)
-        np.testing.assert_allclose(stats.chi2.sf(np.square(known), freedom), p_fa, rtol=2e-3)
+        dof = np.arange(1, 11)
+        np.testing.assert_allclose(stats.chi2.sf(np.square(known), dof), p_fa, rtol=2e-3)
         np.testing.assert_allclose(np.sqrt(thresholds(10, p_fa))[1:], known, rtol=6e-5)
 
 
@@ -275,8 +275,8 @@ def test_the_order_of_the_forms(p_fa, p_md):
     np.testing.assert_allclose(line - arp, stats.norm.isf(p_md), rtol=1e-9)
     assert np.all(noncentral <= line * (1 + 1e-12))
     np.testing.assert_allclose(noncentral[0], line[0], rtol=1e-3)
-    freedom = np.arange(1, 31)
-    missed, _ = split_at_threshold(thresholds(30, p_fa)[1:], freedom, noncentral**2)
+    dof = np.arange(1, 31)
+    missed, _ = split_at_threshold(thresholds(30, p_fa)[1:], dof, noncentral**2)
     np.testing.assert_allclose(missed, p_md, rtol=1e-8)
 
 
@@ -288,15 +288,15 @@ def test_a_fault_beyond_the_level_is_missed_with_p_md_at_the_most():
     """
     g = appendix_d(noise=1.5)
     quantities = ls_quantities(g)
-    freedom = int(quantities.dof)
-    threshold = thresholds(10, P_FA)[freedom]
+    dof = int(quantities.dof)
+    threshold = thresholds(10, P_FA)[dof]
     found, _, _ = outcomes(np.asarray(g.design), np.asarray(g.sigma_m), np.zeros((10, LANES)))
     level, wide = (found[Slope(**RISKS, form=form)].vpl_m[0] for form in ("noncentral", "noncentral_noise"))
     spread, at_level = float(quantities.vdop_m), []
     for gain, redundancy, sigma in zip(quantities.gain, quantities.redundancy, g.sigma_m, strict=True):
         bias = np.append(np.linspace(0.0, 3.0, 300) * level, level) / abs(gain)
         mean = bias * abs(gain)
-        missed, _ = split_at_threshold(threshold, freedom, (bias / sigma) ** 2 * redundancy)
+        missed, _ = split_at_threshold(threshold, dof, (bias / sigma) ** 2 * redundancy)
         beyond = mean >= level * (1 - 1e-12)
         assert np.all(missed[beyond] <= P_MD * (1 + 1e-6))
         at_level.append(missed[-1])

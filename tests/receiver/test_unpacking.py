@@ -13,8 +13,8 @@ import pytest
 from receiver_files import observation_text, simulate
 
 from pl_mc.input_errors import InputError
-from pl_mc.receiver import unpacking
-from pl_mc.receiver.unpacking import read_unpacked, read_unzipped
+from pl_mc.runtime import unpacking
+from pl_mc.runtime.unpacking import read_unpacked, read_unzipped
 
 TEXT = observation_text(simulate(seconds=(0.0, 30.0))).encode()
 

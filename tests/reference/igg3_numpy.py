@@ -142,21 +142,21 @@ def igg3(
         x = np.linalg.solve(normal, a.T @ p_bar @ observed)
         now = Solution(available=True, x=x, v=a @ x - observed, w=w)
 
-    freedom = {"all": n, "kept": np.sum(now.w > 0), "weights": np.sum(now.w)}[redundancy] - t
-    if freedom <= 0:
+    dof = {"all": n, "kept": np.sum(now.w > 0), "weights": np.sum(now.w)}[redundancy] - t
+    if dof <= 0:
         return Solution(available=False)
     p_bar = p @ np.diag(now.w)
-    now.m = np.sqrt(now.v @ p_bar @ now.v / freedom)
+    now.m = np.sqrt(now.v @ p_bar @ now.v / dof)
     now.q = np.diag(np.linalg.inv(a.T @ p_bar @ a))[:3]
     return now
 
 
-def the_scale(scale: str, now: Solution, p: np.ndarray, freedom: int, u: np.ndarray) -> float:
+def the_scale(scale: str, now: Solution, p: np.ndarray, dof: int, u: np.ndarray) -> float:
     """What a residual's standard deviation is multiplied by; ``u`` are the residuals in units of it."""
     if scale == "apriori":
         return 1.0
     if scale in ("posterior", "posterior_floored"):
-        value = np.sqrt(now.v @ p @ np.diag(now.w) @ now.v / freedom)
+        value = np.sqrt(now.v @ p @ np.diag(now.w) @ now.v / dof)
     else:
         value = 1.482602218505602 * np.median(u)
     if scale in ("posterior_floored", "mad_floored"):

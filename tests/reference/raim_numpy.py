@@ -32,7 +32,7 @@ class Fit:
         return float(self.residuals @ self.residuals)
 
     @property
-    def freedom(self) -> int:
+    def dof(self) -> int:
         return len(self.rows) - len(self.covariance)
 
     @property
@@ -69,14 +69,14 @@ def slopes(design, sigma, rows) -> tuple[float, float]:
     return float(largest[0]), float(largest[1])
 
 
-def size(form, freedom, p_fa, p_md) -> float:
+def size(form, dof, p_fa, p_md) -> float:
     """Protected size of a fault, by SciPy's own noncentral chi-square."""
-    limit = stats.chi2.isf(p_fa, freedom)
+    limit = stats.chi2.isf(p_fa, dof)
     if form.startswith("arp"):
         return float(np.sqrt(limit))
     if form == "line":
         return float(np.sqrt(limit) + stats.norm.isf(p_md))
-    return float(np.sqrt(optimize.brentq(lambda x: stats.ncx2.cdf(limit, freedom, x) - p_md, 1e-6, 2000.0)))
+    return float(np.sqrt(optimize.brentq(lambda x: stats.ncx2.cdf(limit, dof, x) - p_md, 1e-6, 2000.0)))
 
 
 def major(covariance) -> float:
@@ -85,7 +85,7 @@ def major(covariance) -> float:
 
 def slope_levels(design, sigma, rows, form, p_fa, p_md) -> tuple[float, float]:
     whole = fit(design, sigma, np.zeros(len(sigma)), rows)
-    levels = np.array(slopes(design, sigma, rows)) * size(form, whole.freedom, p_fa, p_md)
+    levels = np.array(slopes(design, sigma, rows)) * size(form, whole.dof, p_fa, p_md)
     if form.endswith("noise"):
         levels[0] += stats.rayleigh.isf(p_md) * major(whole.covariance)
         levels[1] += stats.norm.isf(p_md / 2) * np.sqrt(whole.covariance[2, 2])
@@ -109,10 +109,10 @@ def subset_dops(design, sigma, rows) -> np.ndarray:
 def leave_one_out(design, sigma, observed, rows, p_fa) -> tuple[Fit, bool]:
     """The solution in use, and whether there is an alarm."""
     whole = fit(design, sigma, observed, rows)
-    if whole.square_sum <= stats.chi2.isf(p_fa, whole.freedom):
+    if whole.square_sum <= stats.chi2.isf(p_fa, whole.dof):
         return whole, False
     sets = [fit(design, sigma, observed, [k for k in rows if k != i]) for i in rows]
-    sets = [found for found in sets if found is not None and 1 <= found.freedom < whole.freedom]
+    sets = [found for found in sets if found is not None and 1 <= found.dof < whole.dof]
     if not sets:
         return whole, True
     best, second = sorted(sets, key=lambda found: found.square_sum)[:2]
@@ -120,7 +120,7 @@ def leave_one_out(design, sigma, observed, rows, p_fa) -> tuple[Fit, bool]:
     reductions = [whole.square_sum - found.square_sum for found in (best, second)]
     if reductions[0] - reductions[1] <= 2e-7 * reductions[0]:
         return whole, True
-    passed = best.square_sum <= stats.chi2.isf(p_fa, best.freedom)
+    passed = best.square_sum <= stats.chi2.isf(p_fa, best.dof)
     return (best, False) if passed else (whole, True)
 
 
@@ -141,11 +141,11 @@ def w_test(design, sigma, observed, rows, alpha, exclusions, p_fa) -> tuple[Fit,
         checked = found.redundancy > 1e-10
         w = np.where(checked, np.abs(found.residuals) / np.sqrt(np.where(checked, found.redundancy, 1)), 0)
         alike = np.sum(w >= w.max() * (1 - 1e-7)) > 1
-        if w.max() <= critical or alike or exclusions == 0 or found.freedom < 2:
+        if w.max() <= critical or alike or exclusions == 0 or found.dof < 2:
             break
         rows.remove(found.rows[w.argmax()])
         exclusions -= 1
-    return found, bool(w.max() > critical), bool(found.square_sum > stats.chi2.isf(p_fa, found.freedom))
+    return found, bool(w.max() > critical), bool(found.square_sum > stats.chi2.isf(p_fa, found.dof))
 
 
 def range_comparison(design, sigma, observed, rows, p_fa, p_md, base) -> tuple[bool, float, float]:
@@ -155,7 +155,7 @@ def range_comparison(design, sigma, observed, rows, p_fa, p_md, base) -> tuple[b
     redundant, kept = [], list(rows)
     while base == "minimal":
         left = fit(design, sigma, observed, kept)
-        if left.freedom == 0:
+        if left.dof == 0:
             break
         worst = kept[int(left.redundancy.argmax())]
         redundant.append(worst)

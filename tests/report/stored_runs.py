@@ -14,7 +14,7 @@ from pl_mc.engine.events import EVENTS
 from pl_mc.engine.table import with_rates
 from pl_mc.experiments.loading import build_experiment
 from pl_mc.report.figures import save_figure
-from pl_mc.report.rate_figures import rates_by_fault_figure
+from pl_mc.studies.sweep.figures import rates_by_fault_figure
 
 SIZES_M = (10.0, 25.0, 40.0, 55.0)
 DRAWS = 400

@@ -14,13 +14,13 @@ from PIL import Image
 from stored_runs import counts, store_run
 
 from pl_mc.experiments.page import remake_page
-from pl_mc.experiments.registry import KINDS
 from pl_mc.input_errors import InputError
 from pl_mc.report.answers import ANSWERS, QUESTIONS, answer_of, quoted
 from pl_mc.report.charts import charts_of
 from pl_mc.report.page import MOST_BYTES, report_page, write_report
 from pl_mc.report.page_figures import caption_of, page_figures
 from pl_mc.report.run_folder import RunFolder, flat_fields, read_run_folder
+from pl_mc.studies.registry import KINDS
 
 RESULTS = Path(__file__).parents[2] / "results"
 STORED = sorted(path.parent for path in RESULTS.glob("*/manifest.json"))

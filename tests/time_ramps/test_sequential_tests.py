@@ -98,16 +98,16 @@ def statistic(case: Case, tests: WindowTests, sums: np.ndarray, epoch: int, rate
     return np.asarray(RATIO(one, total, jnp.asarray([rate])))[0]
 
 
-def limit(freedom: int, rows: Rows) -> float:
-    return float(thresholds(len(rows.names), LIMIT_P)[freedom])
+def limit(dof: int, rows: Rows) -> float:
+    return float(thresholds(len(rows.names), LIMIT_P)[dof])
 
 
 @pytest.mark.parametrize("which", [0, 1])
 @pytest.mark.parametrize("epoch", [25, EPOCHS - 1])
 def test_the_accumulated_parity_statistic_is_chi_square(case: Case, which: int, epoch: int) -> None:
-    freedom = round(float(np.trace(residual_maps(case.rows)[epoch])))
-    found = statistic(case, case.plan.parities[which], case.signals.residual_sum, epoch) * limit(freedom, case.rows)
-    assert stats.kstest(found, stats.chi2(freedom).cdf).pvalue > LEVEL
+    dof = round(float(np.trace(residual_maps(case.rows)[epoch])))
+    found = statistic(case, case.plan.parities[which], case.signals.residual_sum, epoch) * limit(dof, case.rows)
+    assert stats.kstest(found, stats.chi2(dof).cdf).pvalue > LEVEL
 
 
 @pytest.mark.parametrize("which", [0, 1])
@@ -127,9 +127,9 @@ def test_its_detection_probability_is_the_noncentral_chi_squares(case: Case, whi
     basis = basis[:, size > 0.5]
     seen = basis.T @ shift
     unit = float(seen @ np.linalg.solve(basis.T @ covariance @ basis, seen))
-    freedom = basis.shape[1]
+    dof = basis.shape[1]
     rate = float(np.sqrt(8.0 / unit))
-    expected = stats.ncx2.sf(limit(freedom, rows), freedom, 8.0)
+    expected = stats.ncx2.sf(limit(dof, rows), dof, 8.0)
     found = int((statistic(case, case.plan.parities[which], case.signals.residual_sum, epoch, rate) > 1.0).sum())
     assert 0.2 < expected < 0.9
     assert binomial_p_value(found, BLOCKS * LANES, expected) > LEVEL
@@ -171,12 +171,12 @@ def test_innovations_have_their_covariance_and_no_memory(case: Case) -> None:
 def test_the_innovation_statistic_is_chi_square_and_noncentral(case: Case, which: int) -> None:
     epoch, plan = EPOCHS - 1, case.plan.filters[which]
     window = plan.tests.samples[0]
-    freedom = int(case.rows.in_view[epoch - window + 1 : epoch + 1].any(axis=0).sum())
-    bound = limit(freedom, case.rows)
+    dof = int(case.rows.in_view[epoch - window + 1 : epoch + 1].any(axis=0).sum())
+    bound = limit(dof, case.rows)
     found = statistic(case, plan.tests, case.signals.pulled_sum[which], epoch) * bound
-    assert stats.kstest(found, stats.chi2(freedom).cdf).pvalue > LEVEL
+    assert stats.kstest(found, stats.chi2(dof).cdf).pvalue > LEVEL
     unit = bound * float((np.asarray(plan.tests.response)[epoch - ONSET, 0] ** 2).sum())
-    expected = stats.ncx2.sf(bound, freedom, 8.0)
+    expected = stats.ncx2.sf(bound, dof, 8.0)
     rate = float(np.sqrt(8.0 / unit))
     detected = int((statistic(case, plan.tests, case.signals.pulled_sum[which], epoch, rate) > 1.0).sum())
     assert binomial_p_value(detected, BLOCKS * LANES, expected) > LEVEL

@@ -7,9 +7,9 @@ import pandas as pd
 
 import pl_mc
 from pl_mc.experiments.loading import load_experiment
-from pl_mc.experiments.time_ramps_run import _notes_on_igg3
-from pl_mc.report.time_ramps_text import time_ramps_findings
 from pl_mc.statistics import clopper_pearson
+from pl_mc.studies.time_ramps.run import _notes_on_igg3
+from pl_mc.studies.time_ramps.text import time_ramps_findings
 
 PASSES = 1000
 

@@ -55,13 +55,13 @@ class NumpyModel:
         self.leverage = np.einsum("nt,tn->n", self.design, self.gain)
         self.redundancy = 1.0 - self.leverage
         self.pivot_floor = PIVOT_FLOOR * np.diag(np.linalg.cholesky(self.normal)) ** 2
-        self.redundancies = self.design.shape[0] - self.design.shape[1]
+        self.dof = self.design.shape[0] - self.design.shape[1]
 
     def least_squares(self, whitened: Numbers) -> NumpyOutcome:
         """Eqs 4, 15 and 16."""
         state = whitened @ self.gain.T
         residuals = whitened - state @ self.design.T
-        unit_error = np.sqrt(np.einsum("sn,sn->s", residuals, residuals) / self.redundancies)
+        unit_error = np.sqrt(np.einsum("sn,sn->s", residuals, residuals) / self.dof)
         return NumpyOutcome(
             vertical_error_m=state[:, UP],
             vpl_m=K_VERTICAL * np.sqrt(self.cofactor[UP, UP]) * unit_error,
@@ -77,7 +77,7 @@ class NumpyModel:
         square_sum = np.einsum("sn,sn->s", residuals, residuals)
         available = np.ones(len(whitened), dtype=bool)
         for _ in range(options.iterations):
-            scale = np.maximum(1.0, np.sqrt(square_sum / self.redundancies))
+            scale = np.maximum(1.0, np.sqrt(square_sum / self.dof))
             size = np.maximum(np.abs(residuals) * per_residual / scale[:, None], options.k0)
             fall = np.maximum(options.k1 - size, 0.0) / (options.k1 - options.k0)
             weights = options.k0 / size * fall * fall
@@ -90,7 +90,7 @@ class NumpyModel:
         cofactor = np.linalg.solve(normal, unit)[:, UP, 0]
         return NumpyOutcome(
             vertical_error_m=state[:, UP],
-            vpl_m=options.k_vertical * np.sqrt(square_sum / self.redundancies * cofactor),
+            vpl_m=options.k_vertical * np.sqrt(square_sum / self.dof * cofactor),
             available=available,
         )
 

@@ -12,7 +12,7 @@ import jax
 import numpy as np
 
 from pl_mc.engine.compiling import compiler_options, instruction_set
-from pl_mc.host.threads import cores
+from pl_mc.runtime.threads import cores
 
 _PACKAGES = ("pl_mc", "jax", "jaxlib", "numpy", "scipy", "statsmodels")
 

@@ -10,7 +10,7 @@ import pandas as pd
 
 from pl_mc.benchmark.accuracy import Difference, Disagreement, EventRate
 from pl_mc.benchmark.measure import Rate, Ratio
-from pl_mc.engine.part_files import write_whole
+from pl_mc.engine.checkpoint_store import write_whole
 from pl_mc.input_errors import InputError
 from pl_mc.report.text import markdown_table, rate_text
 

@@ -28,10 +28,10 @@ from pl_mc.engine.compiling import require_devices
 from pl_mc.engine.noise import LANES
 from pl_mc.engine.plan import SCENARIOS_PER_CALL, make_plan
 from pl_mc.geometry.record import Geometry
-from pl_mc.host.precision import PRECISIONS
-from pl_mc.host.progress import with_progress
-from pl_mc.host.threads import cores
 from pl_mc.input_errors import InputError, require_choice, require_positive, require_whole
+from pl_mc.runtime.precision import PRECISIONS
+from pl_mc.runtime.progress import with_progress
+from pl_mc.runtime.threads import cores
 
 SWEEP, NUMPY, RLM, LIMIT = "pl_mc.sweep", "batched NumPy", "statsmodels RLM", "hand-written kernel"
 

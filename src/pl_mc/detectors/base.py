@@ -18,7 +18,7 @@ from jax import Array
 from numpy.typing import NDArray
 
 from pl_mc.geometry.record import SYSTEM_NAMES
-from pl_mc.kernels import LinearModel, Start
+from pl_mc.kernels import LeastSquaresSolution, LinearModel
 from pl_mc.kernels.linear_model import per_lane, product
 
 # Systems as kernels know them: the place of a letter here; -1 on padding.
@@ -51,12 +51,12 @@ class View:
 
     Attributes:
         counts: number of satellites in view by RINEX letter; systems without one are left out.
-        redundancies: n - t.
+        dof: n - t.
         determined: whether the satellites determine all unknowns.
     """
 
     counts: Mapping[str, int]
-    redundancies: int
+    dof: int
     determined: bool
 
 
@@ -90,7 +90,7 @@ class Detector(Protocol):
         """
         ...
 
-    def examine(self, model: LinearModel, prepared: Any, start: Start) -> Verdict:
+    def examine(self, model: LinearModel, prepared: Any, start: LeastSquaresSolution) -> Verdict:
         """The verdict on each lane of ``start``."""
         ...
 
@@ -99,7 +99,7 @@ def nothing_redundant(view: View) -> str | None:
     """The reason that every test of residuals shares: there are none, or they are zero by construction."""
     if not view.determined:
         return "the satellites in view do not determine the unknowns"
-    if view.redundancies < 1:
+    if view.dof < 1:
         return "there are as many satellites as unknowns (n = t), so every residual is zero"
     return None
 
@@ -111,7 +111,7 @@ def satellite_errors_m(model: LinearModel, residuals: Array) -> Array:
 
     Args:
         model: the geometry.
-        residuals: (n, ...), whitened, as in `Start`.
+        residuals: (n, ...), whitened, as in `LeastSquaresSolution`.
     """
     scale = jnp.where(model.weight_root > 0, model.weight_root, 1.0)
     inverse_root = model.inverse_residual_sigma

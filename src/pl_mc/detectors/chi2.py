@@ -25,7 +25,7 @@ from pl_mc.detectors.base import (
     satellite_errors_m,
 )
 from pl_mc.input_errors import InputError, require_choice
-from pl_mc.kernels import LinearModel, Start
+from pl_mc.kernels import LeastSquaresSolution, LinearModel
 
 APRIORI, DIVIDED = "apriori", "divided"
 READINGS = (APRIORI, DIVIDED)
@@ -80,13 +80,13 @@ class Chi2:
         """The threshold, and the factor (n,) of each squared whitened residual."""
         dof = np.arange(model.design.shape[0] + 1)
         table = np.where(dof > 0, stats.chi2.isf(p_fa, np.maximum(dof, 1)), np.inf)
-        threshold = by_count(table, model.design.dtype, jnp.maximum(model.redundancies, 0))
+        threshold = by_count(table, model.design.dtype, jnp.maximum(model.dof, 0))
         factor = jnp.ones_like(model.weight_root)
         for letter, variance in zip(self.systems, self.variances_m2, strict=True):
             factor = jnp.where(system == SYSTEM_LETTERS.index(letter), 1.0 / variance, factor)
         return threshold, factor
 
-    def examine(self, model: LinearModel, prepared: tuple[Array, Array], start: Start) -> Verdict:
+    def examine(self, model: LinearModel, prepared: tuple[Array, Array], start: LeastSquaresSolution) -> Verdict:
         threshold, factor = prepared
         statistic = start.square_sum
         if self.reading == DIVIDED:

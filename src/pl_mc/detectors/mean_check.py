@@ -33,7 +33,7 @@ from pl_mc.detectors.base import SYSTEM_LETTERS, Verdict, View, by_count, hat_ma
 from pl_mc.detectors.chi2 import SYSTEMS, VARIANCES_M2, require_systems, require_variances, variances_text
 from pl_mc.geometry.record import POSITION_UNKNOWNS, SYSTEM_NAMES
 from pl_mc.input_errors import InputError, require_choice
-from pl_mc.kernels import LinearModel, Start
+from pl_mc.kernels import LeastSquaresSolution, LinearModel
 from pl_mc.kernels.linear_model import product, redundancy_floor
 
 SHIFT_KEPT, SHARED_CLOCK, SEPARATE_FITS, WEIGHTED = "shift_kept", "shared_clock", "separate_fits", "weighted"
@@ -176,7 +176,7 @@ class MeanCheck:
             threshold=jnp.where(model.available, threshold, jnp.inf),
         )
 
-    def examine(self, model: LinearModel, prepared: Prepared, start: Start) -> Verdict:
+    def examine(self, model: LinearModel, prepared: Prepared, start: LeastSquaresSolution) -> Verdict:
         check = product(prepared.rows, start.residuals)
         shift = product(prepared.shift_rows, start.residuals)
         if self.reading == SHARED_CLOCK:

@@ -16,7 +16,7 @@ from jax import Array
 
 from pl_mc.engine.events import EVENTS, events
 from pl_mc.engine.noise import epoch_key, live_lanes, unit_inputs
-from pl_mc.kernels import LinearModel, Start, linear_model
+from pl_mc.kernels import LeastSquaresSolution, LinearModel, linear_model
 from pl_mc.kernels.linear_model import product
 from pl_mc.methods.base import Method, Outcome
 from pl_mc.noise_models import GAUSSIAN, NoiseModel
@@ -34,7 +34,7 @@ class EpochBatch:
         bias_m: (e, f, n), bias vectors [m].
         applies: (e, f), which of them are faults of this call; the others are skipped.
         epoch: (e,), epoch numbers, which choose the noise.
-        clocks_apart: whether every satellite has one clock at most, see `pl_mc.kernels.LinearModel`.
+        one_clock_per_row: whether every satellite has one clock at most, see `pl_mc.kernels.LinearModel`.
     """
 
     design: Array
@@ -43,7 +43,7 @@ class EpochBatch:
     bias_m: Array
     applies: Array
     epoch: Array
-    clocks_apart: bool = field(default=False, metadata={"static": True})
+    one_clock_per_row: bool = field(default=False, metadata={"static": True})
 
 
 def count_events(
@@ -117,7 +117,7 @@ def block_outcomes(
 
 def prepare_epoch(one: EpochBatch, methods: tuple[Method, ...]) -> tuple[LinearModel, list]:
     """The model of one epoch, and what each method makes of it before any noise."""
-    model = linear_model(one.design, one.sigma_m, one.in_view, clocks_apart=one.clocks_apart)
+    model = linear_model(one.design, one.sigma_m, one.in_view, one_clock_per_row=one.one_clock_per_row)
     return model, [method.prepare(model) for method in methods]
 
 
@@ -134,7 +134,7 @@ def each_fault(
     model: LinearModel,
     one: EpochBatch,
     noise: Array,
-    reduce: Callable[[Start, Array], Result],
+    reduce: Callable[[LeastSquaresSolution, Array], Result],
     *,
     skipped: Result | None = None,
 ) -> Result:
@@ -158,7 +158,7 @@ def each_fault(
 
         def solve() -> Result:
             square_sum = noise_square_sum + 2.0 * cross_sum + jnp.sum(residuals * residuals)
-            start = Start(
+            start = LeastSquaresSolution(
                 residuals=noise_residuals + residuals[:, None],
                 state=noise_state + state[:, None],
                 # A square sum, but for the rounding of its three parts.
@@ -183,7 +183,7 @@ def each_outcome(
 ) -> Result:
     """``reduce`` of the methods' outcomes for each fault; the rest as for `each_fault`."""
 
-    def solve(start: Start, _: Array) -> Result:
+    def solve(start: LeastSquaresSolution, _: Array) -> Result:
         return reduce([m.solve(model, p, start) for m, p in zip(methods, prepared, strict=True)])
 
     return each_fault(model, one, noise, solve, skipped=skipped)

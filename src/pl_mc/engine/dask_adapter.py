@@ -16,8 +16,8 @@ from urllib.parse import urlsplit
 from pl_mc.engine.compiling import require_devices
 from pl_mc.engine.identity import environment
 from pl_mc.engine.task import PartCounts, SweepTask
-from pl_mc.host.threads import cores
 from pl_mc.input_errors import InputError
+from pl_mc.runtime.threads import cores
 
 if TYPE_CHECKING:
     from pl_mc.engine.execution import Engine

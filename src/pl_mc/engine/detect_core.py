@@ -11,7 +11,7 @@ from jax import Array
 from pl_mc.detectors.base import Detector, Verdict
 from pl_mc.engine.core import EpochBatch, block_noise, each_fault
 from pl_mc.engine.noise import LANES, live_lanes
-from pl_mc.kernels import LinearModel, Start, linear_model, start_from
+from pl_mc.kernels import LeastSquaresSolution, LinearModel, linear_model, start_from
 
 Tests = tuple[Detector, ...]
 
@@ -81,7 +81,7 @@ def count_detections(
         def add_block(total: Array, block: Array) -> tuple[Array, None]:
             live = live_lanes(block, full_blocks, remainder)
 
-            def count(start: Start, bias_m: Array) -> Array:
+            def count(start: LeastSquaresSolution, bias_m: Array) -> Array:
                 counts = []
                 for k, (test, p) in enumerate(zip(tests, prepared, strict=True)):
                     verdict = test.examine(model, p, start)
@@ -117,7 +117,7 @@ def _prepare(one: TestBatch, tests: Tests, p_fa: float) -> tuple[LinearModel, li
     return model, [test.prepare(model, one.system, p_fa) for test in tests]
 
 
-def _start(model: LinearModel, noise: Array) -> Start:
+def _start(model: LinearModel, noise: Array) -> LeastSquaresSolution:
     """The least-squares start of noise in units of sigma (n, lanes)."""
     sigma = jnp.where(model.weight_root > 0, 1.0 / jnp.where(model.weight_root > 0, model.weight_root, 1.0), 0.0)
     return start_from(model, noise * sigma[:, None])

@@ -29,10 +29,10 @@ from pl_mc.engine.detect_core import (
 )
 from pl_mc.engine.noise import LANES
 from pl_mc.geometry.record import Geometry
-from pl_mc.host.precision import dtype_of, precision_scope
-from pl_mc.host.progress import with_progress
-from pl_mc.host.threads import cores, in_order
 from pl_mc.input_errors import InputError, require_number, require_whole
+from pl_mc.runtime.precision import dtype_of, precision_scope
+from pl_mc.runtime.progress import with_progress
+from pl_mc.runtime.threads import cores, in_order
 from pl_mc.statistics.least_squares import ls_quantities
 
 FloatArray = NDArray[np.float64]
@@ -287,7 +287,7 @@ def _views(series: Geometry) -> list[View]:
     return [
         View(
             counts={letter: int(n) for letter, n in zip(SYSTEM_LETTERS, counts[e], strict=True) if n},
-            redundancies=int(quantities.dof[e]),
+            dof=int(quantities.dof[e]),
             determined=bool(~np.isnan(quantities.vdop_m[e])),
         )
         for e in range(len(series))

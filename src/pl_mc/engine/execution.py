@@ -8,13 +8,13 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Protocol
 
+from pl_mc.engine.checkpoint_store import BadPart, PartStore
 from pl_mc.engine.compiling import require_devices
-from pl_mc.engine.part_files import BadPart, PartStore
 from pl_mc.engine.part_task import P, Task
 from pl_mc.engine.task import PartCounts, SweepTask
-from pl_mc.host.progress import progress_bar
-from pl_mc.host.threads import cores
 from pl_mc.input_errors import InputError, require_whole
+from pl_mc.runtime.progress import progress_bar
+from pl_mc.runtime.threads import cores
 
 
 @dataclass(frozen=True)

@@ -44,7 +44,7 @@ def environment() -> dict[str, Any]:
     }
 
 
-def mark(section: Mapping[str, Any]) -> str:
+def fingerprint(section: Mapping[str, Any]) -> str:
     """A short name of a section of an identity."""
     return hashlib.sha256(json.dumps(section, sort_keys=True).encode()).hexdigest()
 

@@ -27,11 +27,11 @@ from pl_mc.engine.noise import LANES
 from pl_mc.engine.plan import Chunk, make_plan
 from pl_mc.faults import Faults
 from pl_mc.geometry.record import EAST, NORTH, UP, Geometry
-from pl_mc.host.precision import dtype_of, precision_scope
 from pl_mc.input_errors import require_whole
 from pl_mc.kernels import linear_model, start_from
 from pl_mc.methods import Method, Outcome, as_methods
 from pl_mc.noise_models import GAUSSIAN, NoiseModel, as_noise_model
+from pl_mc.runtime.precision import dtype_of, precision_scope
 
 OUTCOME_COLUMNS = ("east_m", "north_m", "up_m", "hpl_m", "vpl_m", "available", "alarm")
 

@@ -96,7 +96,7 @@ class Plan:
         return math.ceil(self.blocks / self.blocks_per_call)
 
     @functools.cached_property
-    def clocks_apart(self) -> bool:
+    def one_clock_per_row(self) -> bool:
         """Whether no row of the design has more than one clock; all calls take the same way."""
         clocks = self.geometry.design[self.epochs][..., POSITION_UNKNOWNS:]
         return bool(((clocks != 0).sum(axis=-1) <= 1).all())
@@ -122,7 +122,7 @@ class Plan:
             bias_m=jnp.asarray(np.where(counts, bias, 0.0), dtype),
             applies=jnp.asarray(applies & ~surplus[:, None]),
             epoch=jnp.asarray(g.epoch[index], np.uint32),
-            clocks_apart=self.clocks_apart,
+            one_clock_per_row=self.one_clock_per_row,
         )
 
 

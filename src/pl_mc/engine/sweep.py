@@ -16,10 +16,10 @@ from pl_mc.engine.task import SweepTask
 from pl_mc.engine.totals import EpochTotals, FaultTotals
 from pl_mc.faults import Faults
 from pl_mc.geometry.record import Geometry
-from pl_mc.host.precision import dtype_of
 from pl_mc.input_errors import InputError, require_whole
 from pl_mc.methods import Method, as_methods
 from pl_mc.noise_models import GAUSSIAN, NoiseModel, as_noise_model
+from pl_mc.runtime.precision import dtype_of
 
 
 def sweep(

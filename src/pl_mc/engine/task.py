@@ -26,10 +26,10 @@ from pl_mc.engine.part_task import Kind
 from pl_mc.engine.plan import Chunk, Plan, make_plan
 from pl_mc.faults import Faults
 from pl_mc.geometry.record import Geometry
-from pl_mc.host.precision import dtype_of, precision_scope
-from pl_mc.host.threads import in_order
 from pl_mc.methods.base import Method
 from pl_mc.noise_models import GAUSSIAN, NoiseModel
+from pl_mc.runtime.precision import dtype_of, precision_scope
+from pl_mc.runtime.threads import in_order
 
 _COUNTS = [event.count for event in EVENTS]
 

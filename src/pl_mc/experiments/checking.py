@@ -12,16 +12,16 @@ from pydantic import ValidationError
 from pl_mc.alert import BY_NAME
 from pl_mc.detectors.registry import detector
 from pl_mc.error_models import error_model
-from pl_mc.experiments.common import Experiment, SimulatedGeometry
 from pl_mc.experiments.cost import Cost, cost_of
 from pl_mc.experiments.kind_checks import checks_of_kind
 from pl_mc.experiments.loading import FieldProblem, field_problems, read_source
-from pl_mc.experiments.registry import KINDS
 from pl_mc.faults import ramp_sizes_m
 from pl_mc.geometry import Geometry
 from pl_mc.input_errors import InputError, require_choice
 from pl_mc.methods import method
 from pl_mc.noise_models import noise_model
+from pl_mc.studies.registry import KINDS
+from pl_mc.studies.spec import Experiment, SimulatedGeometry
 from pl_mc.time_ramps.registry import sequential
 
 _HEADING = re.compile(r"^\s*(\[{1,2})\s*([^\[\]]+?)\s*\]{1,2}\s*(?:#.*)?$")

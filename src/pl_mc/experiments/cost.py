@@ -14,17 +14,17 @@ import numpy as np
 
 from pl_mc.engine import Execution, plan
 from pl_mc.engine.noise import LANES
-from pl_mc.experiments.common import Experiment
-from pl_mc.experiments.registry import KINDS
-from pl_mc.experiments.sweeps import PlannedSweep
 from pl_mc.faults import Faults, ramps
 from pl_mc.geometry import Geometry
-from pl_mc.host.threads import cores
-from pl_mc.integrity_risk.exposure import samples_of
+from pl_mc.integrity_risk.rare.exposure import samples_of
 from pl_mc.methods import Method
+from pl_mc.runtime.threads import cores
 from pl_mc.service.grid import world_grid
 from pl_mc.service.levels import levels_from_geometry
 from pl_mc.service.volume import require_epochs
+from pl_mc.studies.planned_sweep import PlannedSweep
+from pl_mc.studies.registry import KINDS
+from pl_mc.studies.spec import Experiment
 
 # Scenarios a second of one core, method by method, for 16 satellites in double precision: processor time of
 # sweeps of 256,000 scenarios. Methods that are not here are taken as the slowest that is.

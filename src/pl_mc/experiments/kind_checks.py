@@ -10,11 +10,11 @@ from functools import partial
 from typing import Any
 
 from pl_mc.alert import BY_NAME
-from pl_mc.experiments.stanford_counts import Grid
+from pl_mc.engine.stanford import Grid
 from pl_mc.faults import require_satellite
 from pl_mc.geometry import Geometry, simulate
 from pl_mc.input_errors import InputError, require_choice
-from pl_mc.integrity_risk.exposure import samples_of
+from pl_mc.integrity_risk.rare.exposure import samples_of
 from pl_mc.service.continuity import as_durations
 from pl_mc.service.grid import world_grid
 from pl_mc.service.volume import MOST_EPOCHS, as_operations, epoch_count, require_epochs

@@ -14,10 +14,10 @@ from typing import Any
 
 from pydantic import BaseModel, ValidationError
 
-from pl_mc.experiments.common import Experiment
-from pl_mc.experiments.registry import KINDS
 from pl_mc.input_errors import InputError, nearest
 from pl_mc.report.run_folder import flat_fields
+from pl_mc.studies.registry import KINDS
+from pl_mc.studies.spec import Experiment
 
 # A wheel carries the files inside the package; in a checkout they are at the top.
 _FOLDERS = (Path(__file__).parent / "files", Path(__file__).parents[3] / "experiments")

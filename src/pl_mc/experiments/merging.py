@@ -6,7 +6,7 @@ import shutil
 from collections.abc import Sequence
 from pathlib import Path
 
-from pl_mc.engine import Execution, part_files
+from pl_mc.engine import Execution, checkpoint_store
 from pl_mc.experiments.loading import build_experiment
 from pl_mc.experiments.output import MANIFEST
 from pl_mc.experiments.result import RunResult
@@ -60,7 +60,7 @@ def _copy(source: Path, target: Path) -> None:
         if path.name.startswith(".") or not path.is_file():
             continue
         place = target / path.relative_to(source)
-        if place.exists() and (path.suffix == ".json" or part_files.is_whole(place.read_bytes())):
+        if place.exists() and (path.suffix == ".json" or checkpoint_store.is_whole(place.read_bytes())):
             continue
         place.parent.mkdir(parents=True, exist_ok=True)
         shutil.copy2(path, place)

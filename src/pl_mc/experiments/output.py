@@ -18,8 +18,8 @@ import pandas as pd
 from pl_mc.engine import plan
 from pl_mc.engine.identity import environment
 from pl_mc.engine.noise import LANES
-from pl_mc.experiments.common import Experiment
 from pl_mc.input_errors import InputError
+from pl_mc.studies.spec import Experiment
 
 MANIFEST = "manifest.json"
 

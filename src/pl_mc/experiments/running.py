@@ -13,17 +13,17 @@ from dataclasses import replace
 from pathlib import Path
 
 from pl_mc.engine import Execution
-from pl_mc.experiments.common import Experiment
 from pl_mc.experiments.field_meanings import meanings_of
 from pl_mc.experiments.output import result_folder, write_manifest
-from pl_mc.experiments.registry import KINDS, Kind
 from pl_mc.experiments.result import RunResult
-from pl_mc.experiments.sweeps import PlannedSweep
 from pl_mc.experiments.unfinished import Unfinished
 from pl_mc.input_errors import InputError
 from pl_mc.report.answers import answer_of
 from pl_mc.report.page import PAGE, write_report
 from pl_mc.report.run_folder import read_run_folder
+from pl_mc.studies.planned_sweep import PlannedSweep
+from pl_mc.studies.registry import KINDS, Kind
+from pl_mc.studies.spec import Experiment
 
 
 class Interrupted(KeyboardInterrupt):

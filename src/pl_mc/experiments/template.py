@@ -16,13 +16,13 @@ from pydantic import BaseModel
 from pydantic_core import PydanticUndefined
 
 from pl_mc.detectors.registry import DETECTORS
-from pl_mc.experiments.common import Experiment
 from pl_mc.experiments.field_meanings import meaning, rule
 from pl_mc.experiments.loading import build_experiment, experiment_files, load_experiment
-from pl_mc.experiments.registry import KINDS
 from pl_mc.input_errors import InputError, nearest
 from pl_mc.methods.registry import METHODS
 from pl_mc.noise_models import NOISE_MODELS
+from pl_mc.studies.registry import KINDS
+from pl_mc.studies.spec import Experiment
 
 _WIDTH = 110
 

@@ -8,8 +8,8 @@ from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
-from pl_mc.experiments.common import Experiment
 from pl_mc.input_errors import InputError
+from pl_mc.studies.spec import Experiment
 
 RECORD = "experiment.json"
 SUFFIX = ".unfinished"

@@ -22,8 +22,8 @@ from numpy.typing import ArrayLike, NDArray
 from pl_mc.constants import EARTH_GM_M3_S2, EARTH_ROTATION_RAD_S
 from pl_mc.geometry import sp3_worker as worker
 from pl_mc.geometry.sp3_text import NUMBERS, Sp3Table, iso_date, read_sp3_text
-from pl_mc.host.rtklib_child import run_rtklib_child
 from pl_mc.input_errors import InputError, nearest, shown
+from pl_mc.runtime.rtklib_child import run_rtklib_child
 
 # Synchronous orbits have a radius of 42,164 km, medium ones of BeiDou 27,906 km; geostationary ones are inclined by
 # under 10 degrees, the inclined ones by 55 (BDS-SIS-ICD-2.1, section 3.1).

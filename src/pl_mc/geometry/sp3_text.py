@@ -89,7 +89,7 @@ def read_sp3_text(path: Path, letters: Set[str]) -> Sp3Table:
 
 def _lines(path: Path) -> list[str]:
     # The package of receiver files imports this one.
-    from pl_mc.receiver.unpacking import read_unzipped
+    from pl_mc.runtime.unpacking import read_unzipped
 
     content = read_unzipped(path)
     if content.startswith(b"\x1f\x9d"):

@@ -1,6 +1,6 @@
 """Kernels: pure functions from arrays to arrays, for one scenario or many along the last axis."""
 
-from pl_mc.kernels.estimate import Estimate, Start, start_from
+from pl_mc.kernels.estimate import Estimate, LeastSquaresSolution, start_from
 from pl_mc.kernels.levels import ProtectionLevels, protection_levels
 from pl_mc.kernels.linear_model import LinearModel, linear_model
 from pl_mc.kernels.reweighting import IrlsOptions, irls
@@ -23,9 +23,9 @@ __all__ = [
     "Igg3Weight",
     "IrlsOptions",
     "L1Weight",
+    "LeastSquaresSolution",
     "LinearModel",
     "ProtectionLevels",
-    "Start",
     "TukeyWeight",
     "WeightFunction",
     "igg3",

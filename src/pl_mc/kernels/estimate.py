@@ -13,7 +13,7 @@ from pl_mc.kernels.linear_model import LinearModel, per_lane, product
 
 @jax.tree_util.register_dataclass
 @dataclass(frozen=True)
-class Start:
+class LeastSquaresSolution:
     """The least-squares solution of one scenario or of many (``...``, the lanes).
 
     Attributes:
@@ -57,12 +57,12 @@ class Estimate:
     available: Array
 
 
-def start_from(model: LinearModel, observed_m: Array) -> Start:
+def start_from(model: LinearModel, observed_m: Array) -> LeastSquaresSolution:
     """The least-squares solution of observations (n, ...) [m]."""
     whitened = observed_m * per_lane(model.weight_root, observed_m)
     state = product(model.gain, whitened)
     residuals = whitened - product(model.design, state)
-    return Start(residuals=residuals, state=state, square_sum=jnp.sum(residuals * residuals, axis=0))
+    return LeastSquaresSolution(residuals=residuals, state=state, square_sum=jnp.sum(residuals * residuals, axis=0))
 
 
 def safe_sqrt(value: Array) -> Array:

@@ -19,7 +19,7 @@ import jax
 import jax.numpy as jnp
 from jax import Array
 
-from pl_mc.kernels.estimate import Start, safe_sqrt
+from pl_mc.kernels.estimate import LeastSquaresSolution, safe_sqrt
 from pl_mc.kernels.linear_model import COORDINATES, LinearModel, per_lane, product, redundancy_floor
 
 # Elements of the covariance of a position that levels need: east, north and up variances, east-north covariance.
@@ -49,14 +49,14 @@ class Remaining:
         combined: (n + 3, ...), whitened residuals e above the east, north, up error [m].
         redundancy: (n, ...), their redundancy numbers; zero for what is left out.
         covariance_m2: (4, ...), of the position: EE, NN, UU, EN, with the model's own sigma [m^2].
-        freedom: (...), degrees of freedom.
+        dof: (...), degrees of freedom.
         steps: one (n + 3, ...) vector u for each satellite left out.
     """
 
     combined: Array
     redundancy: Array
     covariance_m2: Array
-    freedom: Array
+    dof: Array
     steps: tuple[Array, ...] = ()
 
     @property
@@ -80,7 +80,7 @@ def projections(model: LinearModel) -> Projections:
     return Projections(rows=jnp.concatenate([residual, coordinates]), free=free)
 
 
-def all_in_view(model: LinearModel, parts: Projections, start: Start) -> Remaining:
+def all_in_view(model: LinearModel, parts: Projections, start: LeastSquaresSolution) -> Remaining:
     """The solution with every satellite, before any is left out."""
     shape = start.square_sum.shape
     redundancy = jnp.where(parts.free, 0.0, model.redundancy)
@@ -89,13 +89,15 @@ def all_in_view(model: LinearModel, parts: Projections, start: Start) -> Remaini
         combined=jnp.concatenate([start.residuals, start.state[:COORDINATES]]),
         redundancy=jnp.broadcast_to(per_lane(redundancy, start.residuals), start.residuals.shape),
         covariance_m2=jnp.broadcast_to(per_lane(covariance, start.residuals), (len(_FIRST), *shape)),
-        freedom=jnp.broadcast_to(model.redundancies, shape),
+        dof=jnp.broadcast_to(model.dof, shape),
     )
 
 
 def before_observations(model: LinearModel, parts: Projections) -> Remaining:
     """The same for the geometry alone: residuals and error are zero."""
-    zeros = Start(jnp.zeros_like(model.in_view), jnp.zeros_like(model.empty), jnp.zeros_like(model.redundancies))
+    zeros = LeastSquaresSolution(
+        jnp.zeros_like(model.in_view), jnp.zeros_like(model.empty), jnp.zeros_like(model.dof)
+    )
     return all_in_view(model, parts, zeros)
 
 
@@ -150,7 +152,7 @@ def leave_out(parts: Projections, left: Remaining, satellite: Array, go: Array) 
         combined=left.combined - step * size[None],
         redundancy=jnp.maximum(left.redundancy - step[:-COORDINATES] ** 2, 0.0) * kept,
         covariance_m2=left.covariance_m2 + square,
-        freedom=left.freedom - out.astype(left.freedom.dtype),
+        dof=left.dof - out.astype(left.dof.dtype),
         steps=(*left.steps, step),
     )
 
@@ -161,7 +163,7 @@ def adopt(where: Array, after: Remaining, before: Remaining) -> Remaining:
         combined=jnp.where(where[None], after.combined, before.combined),
         redundancy=jnp.where(where[None], after.redundancy, before.redundancy),
         covariance_m2=jnp.where(where[None], after.covariance_m2, before.covariance_m2),
-        freedom=jnp.where(where, after.freedom, before.freedom),
+        dof=jnp.where(where, after.dof, before.dof),
         steps=(*before.steps, jnp.where(where[None], after.steps[-1], 0.0)),
     )
 
@@ -230,7 +232,7 @@ def parity_basis(model: LinearModel, parts: Projections) -> tuple[Array, Array]:
         chosen = (numbers == jnp.argmax(diagonal).astype(jnp.int32)).astype(dtype)
         largest = jnp.max(diagonal)
         column = product(residual, chosen) - product(basis.T, product(basis, chosen))
-        sound = (k < model.redundancies) & (largest >= redundancy_floor(dtype))
+        sound = (k < model.dof) & (largest >= redundancy_floor(dtype))
         row = jnp.where(sound, column * jax.lax.rsqrt(jnp.where(sound, largest, 1.0)), 0.0)
         diagonal = jnp.maximum(diagonal - row * row, 0.0) * (1.0 - chosen)
         here = numbers == k

@@ -47,10 +47,10 @@ class LinearModel:
         pivot_floor: (t,), smallest acceptable Cholesky pivots of a reweighted N [1/m^2].
         apart_floor: (t,), the same where clocks are eliminated before coordinates.
         unknowns: number of unknowns, dropped ones not counted.
-        redundancies: n - t, degrees of freedom of the residuals.
+        dof: n - t, degrees of freedom of the residuals.
         available: whether a solution with a posterior variance exists: N regular and n > t.
-        clocks_apart: whether every row has one clock at most, so that clocks meet in N with coordinates alone; a
-            promise of the caller, which allows a faster elimination.
+        one_clock_per_row: whether every row has one clock at most, so that clocks meet in N with coordinates alone;
+            a promise of the caller, which allows a faster elimination.
     """
 
     design: Array
@@ -67,13 +67,13 @@ class LinearModel:
     pivot_floor: Array
     apart_floor: Array
     unknowns: Array
-    redundancies: Array
+    dof: Array
     available: Array
-    clocks_apart: bool = field(default=False, metadata={"static": True})
+    one_clock_per_row: bool = field(default=False, metadata={"static": True})
 
 
 def linear_model(
-    design: Array, sigma_m: Array, in_view: Array | None = None, *, clocks_apart: bool = False
+    design: Array, sigma_m: Array, in_view: Array | None = None, *, one_clock_per_row: bool = False
 ) -> LinearModel:
     """Prepare one geometry.
 
@@ -81,7 +81,7 @@ def linear_model(
         design: (n, t), position columns and clock columns [m/m].
         sigma_m: (n,), standard deviations [m].
         in_view: (n,), which rows count; all unless given.
-        clocks_apart: the caller's promise that every row has one clock at most.
+        one_clock_per_row: the caller's promise that every row has one clock at most.
     """
     n, t = design.shape
     seen = jnp.ones((n,), bool) if in_view is None else jnp.asarray(in_view, bool)
@@ -103,7 +103,7 @@ def linear_model(
     redundancy = jnp.clip(mask - leverage, 0.0, 1.0)
     checked = redundancy >= redundancy_floor(design.dtype)
     unknowns = t - jnp.sum(empty)
-    redundancies = jnp.sum(mask) - unknowns
+    dof = jnp.sum(mask) - unknowns
     return LinearModel(
         design=whitened,
         weight_root=weight_root,
@@ -119,9 +119,9 @@ def linear_model(
         pivot_floor=pivot_floor(jnp.stack(factor.pivots)),
         apart_floor=pivot_floor(_clocks_first_pivots(packed, t)),
         unknowns=unknowns,
-        redundancies=redundancies,
-        available=factor.regular & (redundancies >= 1),
-        clocks_apart=clocks_apart,
+        dof=dof,
+        available=factor.regular & (dof >= 1),
+        one_clock_per_row=one_clock_per_row,
     )
 
 

@@ -15,8 +15,8 @@ import jax.numpy as jnp
 from jax import Array
 
 from pl_mc.input_errors import InputError, require_choice, require_number, require_whole
-from pl_mc.kernels.apart import eliminate_apart
-from pl_mc.kernels.estimate import Estimate, Start, safe_sqrt
+from pl_mc.kernels.clock_elimination import eliminate_clocks
+from pl_mc.kernels.estimate import Estimate, LeastSquaresSolution, safe_sqrt
 from pl_mc.kernels.linear_model import COORDINATES, LinearModel, add_empty, per_lane, product, redundancy_floor
 from pl_mc.kernels.small_matrix import cholesky, eliminate, inverse_columns, lower_triangle
 from pl_mc.kernels.weights import HuberWeight, Igg3Weight, L1Weight, WeightFunction
@@ -80,7 +80,7 @@ class Iterate:
     """One solution of the iteration, about the least-squares one.
 
     Attributes:
-        residuals: (n, ...), its whitened residuals, signed as in `Start` [sigma].
+        residuals: (n, ...), its whitened residuals, signed as in `LeastSquaresSolution` [sigma].
         shift: t of (...), its state minus that of least squares [m].
         square_sum: (...), V'P_bar V.
         determined: (...), whether this solution and all before it are.
@@ -92,7 +92,7 @@ class Iterate:
     determined: Array
 
 
-def irls(model: LinearModel, start: Start, options: IrlsOptions) -> Estimate:
+def irls(model: LinearModel, start: LeastSquaresSolution, options: IrlsOptions) -> Estimate:
     """The reweighted estimate that starts from least squares.
 
     A scenario is undetermined as soon as one of its solutions is: fewer than t + 1 satellites with w > 0, or a
@@ -104,7 +104,7 @@ def irls(model: LinearModel, start: Start, options: IrlsOptions) -> Estimate:
     return reweighted(model, start, first, first_weights, options)
 
 
-def first_iterate(model: LinearModel, start: Start) -> Iterate:
+def first_iterate(model: LinearModel, start: LeastSquaresSolution) -> Iterate:
     """Least squares as an iterate."""
     return Iterate(
         residuals=start.residuals,
@@ -116,7 +116,7 @@ def first_iterate(model: LinearModel, start: Start) -> Iterate:
 
 def reweighted(
     model: LinearModel,
-    start: Start,
+    start: LeastSquaresSolution,
     first: Iterate,
     first_weights: Array,
     options: IrlsOptions,
@@ -149,13 +149,13 @@ def reweighted(
 
     kept = _kept(model, weights)
     if options.redundancy == "all":
-        freedom = jnp.broadcast_to(model.redundancies, shape)
+        dof = jnp.broadcast_to(model.dof, shape)
     elif options.redundancy == "kept":
-        freedom = kept - model.unknowns
+        dof = kept - model.unknowns
     else:
-        freedom = jnp.sum(weights * per_lane(model.in_view, weights), axis=0) - model.unknowns
-    available = last.determined & (freedom > 0)
-    unit_error = safe_sqrt(last.square_sum / jnp.where(available, freedom, 1.0))
+        dof = jnp.sum(weights * per_lane(model.in_view, weights), axis=0) - model.unknowns
+    available = last.determined & (dof > 0)
+    unit_error = safe_sqrt(last.square_sum / jnp.where(available, dof, 1.0))
     sigma = 1.0 / jnp.where(model.weight_root > 0, model.weight_root, 1.0)
     shift = jnp.stack(last.shift)
     change = jnp.abs(shift[:COORDINATES] - jnp.stack(before.shift[:COORDINATES]))
@@ -172,7 +172,7 @@ def reweighted(
 
 
 def _huber_start(
-    model: LinearModel, start: Start, first: Iterate, weights: Array, options: IrlsOptions
+    model: LinearModel, start: LeastSquaresSolution, first: Iterate, weights: Array, options: IrlsOptions
 ) -> tuple[Iterate, Array]:
     """The last of the solutions with Huber's weights, and those weights."""
     huber = replace(options, weight=HuberWeight())
@@ -191,7 +191,7 @@ def _kept(model: LinearModel, weights: Array) -> Array:
 
 def solve_weighted(
     model: LinearModel,
-    start: Start,
+    start: LeastSquaresSolution,
     weights: Array,
     determined: Array,
     *,
@@ -209,8 +209,8 @@ def solve_weighted(
         largest = jnp.max(weights * per_lane(model.in_view, weights), axis=0)
         factor = 1.0 / jnp.where(largest > 0, largest, 1.0)
         normal, right = normal * factor, right * factor
-    if model.clocks_apart:
-        shift, diagonal, regular = eliminate_apart(
+    if model.one_clock_per_row:
+        shift, diagonal, regular = eliminate_clocks(
             normal, right, model.apart_floor, model.empty, model.available, cofactors=cofactors
         )
     else:
@@ -264,7 +264,7 @@ def _scale(model: LinearModel, iterate: Iterate, size: Array, options: IrlsOptio
         counted = (model.inverse_residual_sigma > 0) if options.cofactor != "none" else (model.in_view > 0)
         scale = MAD_TO_SIGMA * _median(size, counted)
     else:
-        scale = safe_sqrt(iterate.square_sum / jnp.maximum(model.redundancies, 1))
+        scale = safe_sqrt(iterate.square_sum / jnp.maximum(model.dof, 1))
     return jnp.maximum(scale, 1.0) if options.scale.endswith("floored") else scale
 
 

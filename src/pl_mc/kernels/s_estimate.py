@@ -19,7 +19,7 @@ import jax.numpy as jnp
 from jax import Array
 
 from pl_mc.input_errors import require_whole
-from pl_mc.kernels.estimate import Start, safe_sqrt
+from pl_mc.kernels.estimate import LeastSquaresSolution, safe_sqrt
 from pl_mc.kernels.linear_model import COORDINATES, LinearModel, per_lane
 from pl_mc.kernels.reweighting import MAD_TO_SIGMA, Iterate, first_iterate, solve_weighted
 from pl_mc.kernels.weights import L1Weight, TukeyWeight
@@ -51,7 +51,7 @@ class SOptions:
         require_whole(self.steps, field="s_steps", low=1)
 
 
-def s_estimate(model: LinearModel, start: Start, options: SOptions) -> tuple[Iterate, Array, Array]:
+def s_estimate(model: LinearModel, start: LeastSquaresSolution, options: SOptions) -> tuple[Iterate, Array, Array]:
     """The solution with the smallest scale.
 
     Returns:
@@ -72,7 +72,7 @@ def s_estimate(model: LinearModel, start: Start, options: SOptions) -> tuple[Ite
         """(starts times lanes,) as (starts, ...)."""
         return array.reshape(starts, *lanes)
 
-    every = Start(flat(start.residuals), flat(start.state), flat(start.square_sum[None])[0])
+    every = LeastSquaresSolution(flat(start.residuals), flat(start.state), flat(start.square_sum[None])[0])
     determined = jnp.broadcast_to(model.available, every.square_sum.shape)
     first_weights = wanted.reshape(n, -1)
     first, _ = solve_weighted(model, every, first_weights, determined)
@@ -106,7 +106,7 @@ def s_estimate(model: LinearModel, start: Start, options: SOptions) -> tuple[Ite
     return iterate, pick_rows(weights), jnp.take_along_axis(scale, best, axis=0)[0]
 
 
-def _starting_weights(model: LinearModel, start: Start) -> Array:
+def _starting_weights(model: LinearModel, start: LeastSquaresSolution) -> Array:
     """(n, starts, ...), weights whose solutions are the starts."""
     absolute = L1Weight()
 
@@ -135,8 +135,8 @@ def _sizes(model: LinearModel, residuals: Array) -> Array:
 def _first_scale(model: LinearModel, residuals: Array) -> Array:
     """1.4826 times the median of |e| without the t smallest, which any fit can make vanish."""
     ordered = jnp.sort(_sizes(model, residuals), axis=0)
-    freedom = jnp.round(model.redundancies).astype(jnp.int32)
-    place = jnp.round(model.unknowns).astype(jnp.int32) + (freedom + 1) // 2 - 1
+    dof = jnp.round(model.dof).astype(jnp.int32)
+    place = jnp.round(model.unknowns).astype(jnp.int32) + (dof + 1) // 2 - 1
     middle = jnp.take(ordered, jnp.clip(place, 0, ordered.shape[0] - 1), axis=0)
     return MAD_TO_SIGMA * jnp.where(jnp.isfinite(middle), middle, 1.0)
 
@@ -144,7 +144,7 @@ def _first_scale(model: LinearModel, residuals: Array) -> Array:
 def _next_scale(model: LinearModel, residuals: Array, scale: Array) -> Array:
     """One step of s^2 <- s^2 sum rho(e / s) / ((n - t) / 2)."""
     inner = 1.0 - jnp.minimum(_over(jnp.abs(residuals), scale) * (1.0 / HALF_BREAKDOWN), 1.0) ** 2
-    mean = jnp.sum(1.0 - inner * inner * inner, axis=0) / jnp.maximum(model.redundancies, 1)
+    mean = jnp.sum(1.0 - inner * inner * inner, axis=0) / jnp.maximum(model.dof, 1)
     return scale * safe_sqrt(2.0 * mean)
 
 

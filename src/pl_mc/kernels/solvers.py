@@ -10,7 +10,7 @@ from jax import Array
 from jax.typing import ArrayLike
 
 from pl_mc.input_errors import InputError
-from pl_mc.kernels.estimate import Estimate, Start, safe_sqrt, start_from
+from pl_mc.kernels.estimate import Estimate, LeastSquaresSolution, safe_sqrt, start_from
 from pl_mc.kernels.linear_model import LinearModel, linear_model, per_lane
 from pl_mc.kernels.reweighting import IrlsOptions, irls
 
@@ -44,11 +44,11 @@ def igg3(
     return _reweighted(*_prepare(design, sigma_m, observed_m, in_view), options=options)
 
 
-def least_squares(model: LinearModel, start: Start) -> Estimate:
+def least_squares(model: LinearModel, start: LeastSquaresSolution) -> Estimate:
     """The least-squares estimate, from the solution that every method starts with."""
     shape = start.square_sum.shape
     available = jnp.broadcast_to(model.available, shape)
-    unit_error = safe_sqrt(start.square_sum / jnp.maximum(model.redundancies, 1))
+    unit_error = safe_sqrt(start.square_sum / jnp.maximum(model.dof, 1))
     sigma = 1.0 / jnp.where(model.weight_root > 0, model.weight_root, 1.0)
     cofactor = jnp.broadcast_to(per_lane(model.cofactor[:3], start.state), (3, *shape))
     return Estimate(

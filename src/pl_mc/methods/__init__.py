@@ -10,13 +10,13 @@ from pl_mc.methods.igg3 import Igg3
 from pl_mc.methods.l1 import L1
 from pl_mc.methods.leave_one_out import LeaveOneOut
 from pl_mc.methods.ls import Ls
+from pl_mc.methods.m_estimator import MEstimator
 from pl_mc.methods.max_dop import MaxDop
 from pl_mc.methods.mm import MM
 from pl_mc.methods.nioraim import Nioraim
 from pl_mc.methods.parity import Parity
 from pl_mc.methods.range_comparison import RangeComparison
 from pl_mc.methods.registry import METHODS, as_methods, method
-from pl_mc.methods.reweighted import Reweighted
 from pl_mc.methods.sbas import Sbas
 from pl_mc.methods.slope import Slope
 from pl_mc.methods.tukey import Tukey
@@ -34,13 +34,13 @@ __all__ = [
     "Igg3",
     "LeaveOneOut",
     "Ls",
+    "MEstimator",
     "MaxDop",
     "Method",
     "Nioraim",
     "Outcome",
     "Parity",
     "RangeComparison",
-    "Reweighted",
     "Sbas",
     "Slope",
     "Tukey",

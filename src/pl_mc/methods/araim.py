@@ -19,7 +19,7 @@ from pl_mc.araim.solving import solve_levels
 from pl_mc.araim.subsets import Subsets, Whole, fit_subsets
 from pl_mc.geometry.record import EAST, NORTH, UP
 from pl_mc.input_errors import InputError, require_choice, require_number, require_positive
-from pl_mc.kernels import LinearModel, Start
+from pl_mc.kernels import LeastSquaresSolution, LinearModel
 from pl_mc.kernels.linear_model import COORDINATES, per_lane, product
 from pl_mc.methods.base import Outcome, name_with_options
 
@@ -133,7 +133,7 @@ class Araim:
             available=available,
         )
 
-    def solve(self, model: LinearModel, prepared: Prepared, start: Start) -> Outcome:
+    def solve(self, model: LinearModel, prepared: Prepared, start: LeastSquaresSolution) -> Outcome:
         shape = start.square_sum.shape
 
         def exceeds(gain: Array, limit_m: Array) -> Array:

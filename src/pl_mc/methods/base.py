@@ -15,7 +15,7 @@ import jax
 from jax import Array
 
 from pl_mc.input_errors import plain_number
-from pl_mc.kernels import Estimate, LinearModel, ProtectionLevels, Start
+from pl_mc.kernels import Estimate, LeastSquaresSolution, LinearModel, ProtectionLevels
 
 
 @jax.tree_util.register_dataclass
@@ -50,7 +50,7 @@ class Method(Protocol):
         """What depends on the geometry alone, computed once for all its scenarios (any pytree, () for nothing)."""
         ...
 
-    def solve(self, model: LinearModel, prepared: Any, start: Start) -> Outcome:
+    def solve(self, model: LinearModel, prepared: Any, start: LeastSquaresSolution) -> Outcome:
         """The outcome of each lane of ``start``."""
         ...
 

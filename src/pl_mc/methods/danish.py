@@ -6,12 +6,12 @@ from dataclasses import dataclass
 from typing import ClassVar
 
 from pl_mc.kernels.weights import DanishWeight
-from pl_mc.methods.reweighted import Reweighted
+from pl_mc.methods.m_estimator import MEstimator
 
 
 @dataclass(frozen=True)
-class Danish(Reweighted):
-    """Weights 1 up to c, then exp(-((|u| - c) / c)^2); levels: see `pl_mc.methods.reweighted`.
+class Danish(MEstimator):
+    """Weights 1 up to c, then exp(-((|u| - c) / c)^2); levels: see `pl_mc.methods.m_estimator`.
 
     After Krarup, Juhl & Kubik 1980. Papers differ in the exponential; this one has no step at c. No weight is zero.
 

@@ -10,7 +10,7 @@ from pl_mc.kernels.leave_one_out import Projections, Remaining, adopt, leave_out
 from pl_mc.methods.raim_levels import (
     FORMS,
     SIGMA,
-    at_freedom,
+    at_dof,
     sigma_levels,
     slope_levels,
     thresholds,
@@ -38,9 +38,9 @@ def exclude_and_test(
         or two satellites are suspected alike.
     """
     largest, satellite, unique = pick(suspicion)
-    go = found & unique & (whole.freedom >= LEAST_FREEDOM) & (largest > 0)
+    go = found & unique & (whole.dof >= LEAST_FREEDOM) & (largest > 0)
     rest = leave_out(parts, whole, satellite, go)
-    limit = at_freedom(thresholds(model.design.shape[0], p_fa), rest.freedom)
+    limit = at_dof(thresholds(model.design.shape[0], p_fa), rest.dof)
     passed = go & (square_sum(model, rest) <= limit)
     return adopt(passed, rest, whole), found & ~passed
 
@@ -70,6 +70,6 @@ def levels_of(
     if form == SIGMA:
         return sigma_levels(left.covariance_m2, k_horizontal=k_horizontal, k_vertical=k_vertical)
     return slope_levels(
-        slopes(parts, left), left.covariance_m2, left.freedom,
+        slopes(parts, left), left.covariance_m2, left.dof,
         most=parts.free.shape[0], p_fa=p_fa, p_md=p_md, form=form,
     )  # fmt: skip

@@ -12,11 +12,11 @@ from typing import ClassVar
 from jax import Array
 
 from pl_mc.input_errors import require_choice
-from pl_mc.kernels import Estimate, LinearModel, Start, irls, protection_levels
+from pl_mc.kernels import Estimate, LeastSquaresSolution, LinearModel, irls, protection_levels
 from pl_mc.kernels.linear_model import per_lane, product
 from pl_mc.methods.base import Outcome, outcome_of
 from pl_mc.methods.igg3 import Igg3
-from pl_mc.methods.raim_levels import at_freedom, require_risks, thresholds
+from pl_mc.methods.raim_levels import at_dof, require_risks, thresholds
 
 GATES = ("weighted", "unweighted", "ls")
 
@@ -47,15 +47,15 @@ class GatedIgg3(Igg3):
 
     def prepare(self, model: LinearModel) -> Array:  # type: ignore[override]
         """The threshold; with nothing redundant there is no solution to reject."""
-        return at_freedom(thresholds(model.design.shape[0], self.p_fa), model.redundancies)
+        return at_dof(thresholds(model.design.shape[0], self.p_fa), model.dof)
 
-    def solve(self, model: LinearModel, prepared: Array, start: Start) -> Outcome:  # type: ignore[override]
+    def solve(self, model: LinearModel, prepared: Array, start: LeastSquaresSolution) -> Outcome:  # type: ignore[override]
         estimate = irls(model, start, self.options)
         levels = protection_levels(estimate, k_horizontal=self.k_horizontal, k_vertical=self.k_vertical)
         rejects = estimate.available & (self._square_sum(model, start, estimate) > prepared)
         return replace(outcome_of(estimate, levels), rejects=rejects)
 
-    def _square_sum(self, model: LinearModel, start: Start, estimate: Estimate) -> Array:
+    def _square_sum(self, model: LinearModel, start: LeastSquaresSolution, estimate: Estimate) -> Array:
         if self.gate == "ls":
             return start.square_sum
         whitened = estimate.residuals_m * per_lane(model.weight_root, estimate.residuals_m)

@@ -6,12 +6,12 @@ from dataclasses import dataclass
 from typing import ClassVar
 
 from pl_mc.kernels.weights import HampelWeight
-from pl_mc.methods.reweighted import Reweighted
+from pl_mc.methods.m_estimator import MEstimator
 
 
 @dataclass(frozen=True)
-class Hampel(Reweighted):
-    """Weights 1 up to a, a / |u| up to b, falling to zero at c; levels: see `pl_mc.methods.reweighted`.
+class Hampel(MEstimator):
+    """Weights 1 up to a, a / |u| up to b, falling to zero at c; levels: see `pl_mc.methods.m_estimator`.
 
     After Andrews et al. 1972; the constants are those of R's ``MASS::psi.hampel`` (the book also has 1.7, 3.4,
     8.5).

@@ -6,12 +6,12 @@ from dataclasses import dataclass
 from typing import ClassVar
 
 from pl_mc.kernels.weights import HuberWeight
-from pl_mc.methods.reweighted import Reweighted
+from pl_mc.methods.m_estimator import MEstimator
 
 
 @dataclass(frozen=True)
-class Huber(Reweighted):
-    """Weights min(1, k / |u|) (Huber 1964); variance of the levels: see `pl_mc.methods.reweighted`.
+class Huber(MEstimator):
+    """Weights min(1, k / |u|) (Huber 1964); variance of the levels: see `pl_mc.methods.m_estimator`.
 
     The sum that it makes small is convex: for a fixed scale the solution does not depend on the start.
 

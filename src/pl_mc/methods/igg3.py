@@ -6,14 +6,14 @@ from dataclasses import dataclass
 from typing import ClassVar
 
 from pl_mc.kernels.weights import Igg3Weight
-from pl_mc.methods.reweighted import Reweighted
+from pl_mc.methods.m_estimator import MEstimator
 
 
 @dataclass(frozen=True)
-class Igg3(Reweighted):
+class Igg3(MEstimator):
     """IGG-III reweighting: full weight up to k0, falling to zero at k1.
 
-    Iterations, scale, start and so on are options that all M-estimates have: `pl_mc.methods.Reweighted`.
+    Iterations, scale, start and so on are options that all M-estimates have: `pl_mc.methods.MEstimator`.
 
     Attributes:
         k0, k1: standardised residuals where the weight begins to fall and where it reaches zero.

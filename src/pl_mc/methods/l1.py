@@ -9,7 +9,7 @@ import jax.numpy as jnp
 
 from pl_mc.constants import K_HORIZONTAL, K_VERTICAL
 from pl_mc.input_errors import require_positive
-from pl_mc.kernels import Estimate, IrlsOptions, LinearModel, Start, irls, protection_levels
+from pl_mc.kernels import Estimate, IrlsOptions, LeastSquaresSolution, LinearModel, irls, protection_levels
 from pl_mc.kernels.linear_model import COORDINATES, per_lane
 from pl_mc.kernels.weights import L1Weight
 from pl_mc.methods.base import Outcome, name_with_options, outcome_of
@@ -61,7 +61,7 @@ class L1:
     def prepare(self, model: LinearModel) -> tuple[()]:
         return ()
 
-    def solve(self, model: LinearModel, prepared: tuple[()], start: Start) -> Outcome:
+    def solve(self, model: LinearModel, prepared: tuple[()], start: LeastSquaresSolution) -> Outcome:
         estimate = irls(model, start, self.options)
         estimate = _with_asymptotic_variance(model, estimate)
         levels = protection_levels(estimate, k_horizontal=self.k_horizontal, k_vertical=self.k_vertical)
@@ -71,7 +71,7 @@ class L1:
 def _with_asymptotic_variance(model: LinearModel, estimate: Estimate) -> Estimate:
     """The estimate with pi/2 times the mean absolute residual, and the cofactors of least squares."""
     absolute = jnp.abs(estimate.residuals_m) * per_lane(model.weight_root, estimate.residuals_m)
-    mean = jnp.sum(absolute, axis=0) / jnp.maximum(model.redundancies, 1)
+    mean = jnp.sum(absolute, axis=0) / jnp.maximum(model.dof, 1)
     cofactor = per_lane(model.cofactor[:COORDINATES], estimate.cofactor_m2)
     return replace(
         estimate,

@@ -7,11 +7,11 @@ from dataclasses import dataclass
 from jax import Array
 
 from pl_mc.constants import K_HORIZONTAL, K_VERTICAL
-from pl_mc.kernels import LinearModel, Start
+from pl_mc.kernels import LeastSquaresSolution, LinearModel
 from pl_mc.kernels.leave_one_out import Projections, all_in_view, projections, standardised
 from pl_mc.methods.base import Outcome, name_with_options
 from pl_mc.methods.exclusion import exclude_and_test, levels_of, require_level
-from pl_mc.methods.raim_levels import NONCENTRAL, P_FA, P_MD, at_freedom, decided, require_risks, thresholds
+from pl_mc.methods.raim_levels import NONCENTRAL, P_FA, P_MD, at_dof, decided, require_risks, thresholds
 
 
 @dataclass(frozen=True)
@@ -54,9 +54,11 @@ class LeaveOneOut:
     def prepare(self, model: LinearModel) -> tuple[Projections, Array]:
         """Projections of the geometry, and the threshold of all satellites."""
         table = thresholds(model.design.shape[0], self.p_fa)
-        return projections(model), at_freedom(table, model.redundancies)
+        return projections(model), at_dof(table, model.dof)
 
-    def solve(self, model: LinearModel, prepared: tuple[Projections, Array], start: Start) -> Outcome:
+    def solve(
+        self, model: LinearModel, prepared: tuple[Projections, Array], start: LeastSquaresSolution
+    ) -> Outcome:
         parts, threshold = prepared
         whole = all_in_view(model, parts, start)
         # Roots of what the square sum loses with each satellite: the largest belongs to the best set.

@@ -6,7 +6,7 @@ from dataclasses import dataclass
 
 from pl_mc.constants import K_HORIZONTAL, K_VERTICAL
 from pl_mc.input_errors import require_positive
-from pl_mc.kernels import LinearModel, Start, least_squares, protection_levels
+from pl_mc.kernels import LeastSquaresSolution, LinearModel, least_squares, protection_levels
 from pl_mc.methods.base import Outcome, name_with_options, outcome_of
 
 
@@ -32,7 +32,7 @@ class Ls:
     def prepare(self, model: LinearModel) -> tuple[()]:
         return ()
 
-    def solve(self, model: LinearModel, prepared: tuple[()], start: Start) -> Outcome:
+    def solve(self, model: LinearModel, prepared: tuple[()], start: LeastSquaresSolution) -> Outcome:
         estimate = least_squares(model, start)
         levels = protection_levels(estimate, k_horizontal=self.k_horizontal, k_vertical=self.k_vertical)
         return outcome_of(estimate, levels)

@@ -9,7 +9,7 @@ from jax import Array
 
 from pl_mc.constants import K_HORIZONTAL, K_VERTICAL
 from pl_mc.input_errors import require_choice, require_positive
-from pl_mc.kernels import LinearModel, ProtectionLevels, Start
+from pl_mc.kernels import LeastSquaresSolution, LinearModel, ProtectionLevels
 from pl_mc.kernels.estimate import safe_sqrt
 from pl_mc.kernels.leave_one_out import Projections, covariance_of, effect_floor, projections
 from pl_mc.kernels.linear_model import COORDINATES, redundancy_floor
@@ -18,7 +18,7 @@ from pl_mc.methods.raim_levels import (
     NONCENTRAL,
     P_FA,
     P_MD,
-    at_freedom,
+    at_dof,
     decided,
     protected_sizes,
     require_risks,
@@ -74,15 +74,17 @@ class MaxDop:
             factors = jnp.asarray([self.k_horizontal, self.k_vertical], largest.dtype)
         else:
             largest = jnp.max(subsets - whole[:, None], axis=1)
-            size = at_freedom(protected_sizes(most, self.p_fa, self.p_md, NONCENTRAL), model.redundancies)
+            size = at_dof(protected_sizes(most, self.p_fa, self.p_md, NONCENTRAL), model.dof)
             factors = jnp.stack([size, size])
         finite = jnp.isfinite(largest)
         root = safe_sqrt(jnp.where(finite, largest, 1.0))
         horizontal, vertical = jnp.where(finite, root * factors, jnp.inf)
         levels = ProtectionLevels(hpl_m=horizontal, vpl_m=vertical)
-        return at_freedom(thresholds(most, self.p_fa), model.redundancies), levels
+        return at_dof(thresholds(most, self.p_fa), model.dof), levels
 
-    def solve(self, model: LinearModel, prepared: tuple[Array, ProtectionLevels], start: Start) -> Outcome:
+    def solve(
+        self, model: LinearModel, prepared: tuple[Array, ProtectionLevels], start: LeastSquaresSolution
+    ) -> Outcome:
         threshold, levels = prepared
         return decided(model.available, start.state[:COORDINATES], levels, start.square_sum > threshold)
 

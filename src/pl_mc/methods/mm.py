@@ -8,7 +8,7 @@ import jax.numpy as jnp
 
 from pl_mc.constants import K_HORIZONTAL, K_VERTICAL
 from pl_mc.input_errors import require_choice, require_positive
-from pl_mc.kernels import IrlsOptions, LinearModel, Start, TukeyWeight, protection_levels
+from pl_mc.kernels import IrlsOptions, LeastSquaresSolution, LinearModel, TukeyWeight, protection_levels
 from pl_mc.kernels.reweighting import reweighted
 from pl_mc.kernels.s_estimate import SOptions, s_estimate
 from pl_mc.methods.base import Outcome, name_with_options, outcome_of
@@ -23,7 +23,7 @@ class MM:
 
     The S-estimate withstands close to (n - t) / 2 faulted satellites, as far as its few starts find it (see
     `pl_mc.kernels.s_estimate`); the second part gives the efficiency of its constant c. The variance of the levels
-    is that of `pl_mc.methods.reweighted`, with the weights of the last solution.
+    is that of `pl_mc.methods.m_estimator`, with the weights of the last solution.
 
     Attributes:
         c: standardised residual where the weight reaches zero; 4.685 keeps 95 % of the efficiency of least squares
@@ -69,7 +69,7 @@ class MM:
     def prepare(self, model: LinearModel) -> tuple[()]:
         return ()
 
-    def solve(self, model: LinearModel, prepared: tuple[()], start: Start) -> Outcome:
+    def solve(self, model: LinearModel, prepared: tuple[()], start: LeastSquaresSolution) -> Outcome:
         first, weights, scale = s_estimate(model, start, SOptions(self.s_steps))
         # Without a scale there is no solution either, and any finite number serves.
         scale = jnp.where(jnp.isfinite(scale), scale, 1.0)

@@ -9,7 +9,7 @@ import jax.numpy as jnp
 from jax import Array
 
 from pl_mc.input_errors import require_choice, require_whole
-from pl_mc.kernels import LinearModel, ProtectionLevels, Start
+from pl_mc.kernels import LeastSquaresSolution, LinearModel, ProtectionLevels
 from pl_mc.kernels.leave_one_out import covariance_of, effect_floor, largest_slopes, projections
 from pl_mc.kernels.linear_model import COORDINATES, add_empty, product, redundancy_floor
 from pl_mc.kernels.small_matrix import cholesky, solve
@@ -19,7 +19,7 @@ from pl_mc.methods.raim_levels import (
     NONCENTRAL,
     P_FA,
     P_MD,
-    at_freedom,
+    at_dof,
     decided,
     require_risks,
     slope_levels,
@@ -101,7 +101,7 @@ class Nioraim:
         def levels_of(gain: Array) -> ProtectionLevels:
             covariance = covariance_of(gain)
             return slope_levels(
-                largest_slopes(gain, redundancy, covariance), covariance, model.redundancies,
+                largest_slopes(gain, redundancy, covariance), covariance, model.dof,
                 most=gain.shape[1], p_fa=self.p_fa, p_md=self.p_md, form=self.form,
             )  # fmt: skip
 
@@ -130,10 +130,10 @@ class Nioraim:
         gain = parts.rows[-COORDINATES:]
         first = (jnp.ones_like(redundancy), gain, gain, goal(gain))
         *_, best, _ = jax.lax.fori_loop(0, self.iterations, improve, first)
-        threshold = at_freedom(thresholds(gain.shape[1], self.p_fa), model.redundancies)
+        threshold = at_dof(thresholds(gain.shape[1], self.p_fa), model.dof)
         return Prepared(best, levels_of(best), threshold)
 
-    def solve(self, model: LinearModel, prepared: Prepared, start: Start) -> Outcome:
+    def solve(self, model: LinearModel, prepared: Prepared, start: LeastSquaresSolution) -> Outcome:
         # S A = (I 0), so the difference from least squares is what S makes of the residuals.
         error = start.state[:COORDINATES] + product(prepared.gain, start.residuals)
         return decided(model.available, error, prepared.levels, start.square_sum > prepared.threshold)

@@ -10,7 +10,7 @@ from jax import Array
 
 from pl_mc.constants import K_HORIZONTAL, K_VERTICAL
 from pl_mc.input_errors import InputError
-from pl_mc.kernels import LinearModel, ProtectionLevels, Start
+from pl_mc.kernels import LeastSquaresSolution, LinearModel, ProtectionLevels
 from pl_mc.kernels.leave_one_out import (
     Projections,
     Remaining,
@@ -22,7 +22,7 @@ from pl_mc.kernels.leave_one_out import (
 from pl_mc.kernels.linear_model import COORDINATES, product, redundancy_floor
 from pl_mc.methods.base import Outcome, name_with_options
 from pl_mc.methods.exclusion import exclude_and_test, levels_of, require_level
-from pl_mc.methods.raim_levels import LINE, P_FA, P_MD, at_freedom, decided, require_risks, thresholds
+from pl_mc.methods.raim_levels import LINE, P_FA, P_MD, at_dof, decided, require_risks, thresholds
 
 
 @jax.tree_util.register_dataclass
@@ -104,11 +104,11 @@ class Parity:
             parts=parts,
             basis=basis,
             directions=columns * scale[:, None],
-            threshold=at_freedom(thresholds(model.design.shape[0], self.p_fa), model.redundancies),
+            threshold=at_dof(thresholds(model.design.shape[0], self.p_fa), model.dof),
             levels=self._levels(parts, before_observations(model, parts)),
         )
 
-    def solve(self, model: LinearModel, prepared: Prepared, start: Start) -> Outcome:
+    def solve(self, model: LinearModel, prepared: Prepared, start: LeastSquaresSolution) -> Outcome:
         # Of the observations only the residuals are not explained by the model: Q z = Q e.
         parity = product(prepared.basis, start.residuals)
         found = product(jnp.ones_like(model.mask_row), parity * parity)[0] > prepared.threshold

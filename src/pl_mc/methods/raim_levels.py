@@ -81,8 +81,8 @@ def protected_sizes(most: int, p_fa: float, p_md: float, form: str) -> NDArray[n
 
     Zero for no degree of freedom, where there is no level.
     """
-    freedom = np.arange(1, most + 1)
-    limit = np.sqrt(chi2_threshold(freedom, p_fa))
+    dof = np.arange(1, most + 1)
+    limit = np.sqrt(chi2_threshold(dof, p_fa))
     # A missed detection needs the projection on the fault's line below the limit.
     line = np.maximum(limit - special.ndtri(p_md), 0.0)
     if form in (ARP, ARP_NOISE):
@@ -94,19 +94,19 @@ def protected_sizes(most: int, p_fa: float, p_md: float, form: str) -> NDArray[n
     return np.concatenate([[0.0], sizes])
 
 
-def _noncentral_size(freedom: int, limit: float, p_md: float) -> float:
+def _noncentral_size(dof: int, limit: float, p_md: float) -> float:
     """sqrt(lambda) with P(Y <= limit^2) = p_md for Y noncentral chi-square."""
 
     def excess(size: float) -> float:
-        missed, _ = split_at_threshold(limit**2, float(freedom), size**2)
+        missed, _ = split_at_threshold(limit**2, float(dof), size**2)
         return float(np.log(missed) - np.log(p_md))
 
     return float(optimize.brentq(excess, 0.0, limit + abs(special.ndtri(p_md)) + 1.0, xtol=1e-12, rtol=1e-13))
 
 
-def at_freedom(table: NDArray[np.float64], freedom: Array) -> Array:
+def at_dof(table: NDArray[np.float64], dof: Array) -> Array:
     """The entry of a table by degrees of freedom, which may differ from lane to lane."""
-    return by_count(table, freedom.dtype, jnp.clip(freedom, 0, len(table) - 1))
+    return by_count(table, dof.dtype, jnp.clip(dof, 0, len(table) - 1))
 
 
 def noise_factors(p_md: float) -> tuple[float, float]:
@@ -115,18 +115,18 @@ def noise_factors(p_md: float) -> tuple[float, float]:
 
 
 def slope_levels(
-    slopes_m: Array, covariance_m2: Array, freedom: Array, *, most: int, p_fa: float, p_md: float, form: str
+    slopes_m: Array, covariance_m2: Array, dof: Array, *, most: int, p_fa: float, p_md: float, form: str
 ) -> ProtectionLevels:
     """Levels of one of `FORMS`.
 
     Args:
         slopes_m: (2, ...), largest horizontal and vertical slope [m].
         covariance_m2: (4, ...), EE, NN, UU, EN of the position [m^2].
-        freedom: (...), degrees of freedom.
+        dof: (...), degrees of freedom.
         most: number of rows, which the degrees of freedom cannot exceed.
         p_fa, p_md, form: what the multiplier is made of.
     """
-    size = at_freedom(protected_sizes(most, p_fa, p_md, form), freedom)
+    size = at_dof(protected_sizes(most, p_fa, p_md, form), dof)
     k_horizontal, k_vertical = noise_factors(p_md) if form in _WITH_NOISE else (0.0, 0.0)
     finite = jnp.isfinite(slopes_m)
     bias = jnp.where(finite, jnp.where(finite, slopes_m, 0.0) * size[None], jnp.inf)

@@ -12,11 +12,11 @@ from numpy.typing import NDArray
 from scipy import special
 
 from pl_mc.input_errors import require_choice
-from pl_mc.kernels import LinearModel, ProtectionLevels, Start
+from pl_mc.kernels import LeastSquaresSolution, LinearModel, ProtectionLevels
 from pl_mc.kernels.leave_one_out import Projections, covariance_of, largest_slopes, parity_basis, projections
 from pl_mc.kernels.linear_model import COORDINATES, product, redundancy_floor
 from pl_mc.methods.base import Outcome, name_with_options
-from pl_mc.methods.raim_levels import P_FA, P_MD, at_freedom, decided, require_risks
+from pl_mc.methods.raim_levels import P_FA, P_MD, at_dof, decided, require_risks
 
 MINIMAL, OTHERS = "minimal", "others"
 
@@ -88,7 +88,7 @@ class RangeComparison:
         scale = jnp.where(sound, jax.lax.rsqrt(jnp.where(sound, square, 1.0)), 0.0)
         comparisons = comparisons * scale[:, None]
         number = jnp.sum(sound, dtype=square.dtype)
-        threshold = at_freedom(_quantiles(model.design.shape[0], self.p_fa), number)
+        threshold = at_dof(_quantiles(model.design.shape[0], self.p_fa), number)
         gain = parts.rows[-COORDINATES:]
         seen = jnp.max(comparisons * comparisons, axis=0)
         horizontal, vertical = largest_slopes(gain, seen, covariance_of(gain))
@@ -96,7 +96,7 @@ class RangeComparison:
         size = jnp.maximum(threshold - float(special.ndtri(self.p_md)), 0.0)
         return Prepared(comparisons, threshold, ProtectionLevels(hpl_m=horizontal * size, vpl_m=vertical * size))
 
-    def solve(self, model: LinearModel, prepared: Prepared, start: Start) -> Outcome:
+    def solve(self, model: LinearModel, prepared: Prepared, start: LeastSquaresSolution) -> Outcome:
         largest = jnp.max(jnp.abs(product(prepared.comparisons, start.residuals)), axis=0)
         return decided(model.available, start.state[:COORDINATES], prepared.levels, largest > prepared.threshold)
 

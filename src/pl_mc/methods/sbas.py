@@ -8,7 +8,7 @@ import jax.numpy as jnp
 
 from pl_mc.constants import K_VERTICAL
 from pl_mc.input_errors import require_positive
-from pl_mc.kernels import LinearModel, ProtectionLevels, Start
+from pl_mc.kernels import LeastSquaresSolution, LinearModel, ProtectionLevels
 from pl_mc.kernels.leave_one_out import covariance_of
 from pl_mc.kernels.linear_model import COORDINATES
 from pl_mc.methods.base import Outcome, name_with_options
@@ -47,6 +47,6 @@ class Sbas:
         covariance = covariance_of(model.gain[:COORDINATES])
         return sigma_levels(covariance, k_horizontal=self.k_horizontal, k_vertical=self.k_vertical)
 
-    def solve(self, model: LinearModel, prepared: ProtectionLevels, start: Start) -> Outcome:
+    def solve(self, model: LinearModel, prepared: ProtectionLevels, start: LeastSquaresSolution) -> Outcome:
         nothing = jnp.zeros(start.square_sum.shape, bool)
         return decided(model.available, start.state[:COORDINATES], prepared, nothing)

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 from jax import Array
 
 from pl_mc.input_errors import require_choice
-from pl_mc.kernels import LinearModel, ProtectionLevels, Start
+from pl_mc.kernels import LeastSquaresSolution, LinearModel, ProtectionLevels
 from pl_mc.kernels.leave_one_out import before_observations, projections, slopes
 from pl_mc.kernels.linear_model import COORDINATES
 from pl_mc.methods.base import Outcome, name_with_options
@@ -16,7 +16,7 @@ from pl_mc.methods.raim_levels import (
     NONCENTRAL,
     P_FA,
     P_MD,
-    at_freedom,
+    at_dof,
     decided,
     require_risks,
     slope_levels,
@@ -60,11 +60,13 @@ class Slope:
         parts = projections(model)
         whole = before_observations(model, parts)
         levels = slope_levels(
-            slopes(parts, whole), whole.covariance_m2, model.redundancies,
+            slopes(parts, whole), whole.covariance_m2, model.dof,
             most=most, p_fa=self.p_fa, p_md=self.p_md, form=self.form,
         )  # fmt: skip
-        return at_freedom(thresholds(most, self.p_fa), model.redundancies), levels
+        return at_dof(thresholds(most, self.p_fa), model.dof), levels
 
-    def solve(self, model: LinearModel, prepared: tuple[Array, ProtectionLevels], start: Start) -> Outcome:
+    def solve(
+        self, model: LinearModel, prepared: tuple[Array, ProtectionLevels], start: LeastSquaresSolution
+    ) -> Outcome:
         threshold, levels = prepared
         return decided(model.available, start.state[:COORDINATES], levels, start.square_sum > threshold)

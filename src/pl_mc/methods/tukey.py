@@ -6,12 +6,12 @@ from dataclasses import dataclass
 from typing import ClassVar
 
 from pl_mc.kernels.weights import TukeyWeight
-from pl_mc.methods.reweighted import Reweighted
+from pl_mc.methods.m_estimator import MEstimator
 
 
 @dataclass(frozen=True)
-class Tukey(Reweighted):
-    """Weights (1 - (u / c)^2)^2 up to c, zero beyond (Beaton & Tukey 1974); levels: see `pl_mc.methods.reweighted`.
+class Tukey(MEstimator):
+    """Weights (1 - (u / c)^2)^2 up to c, zero beyond (Beaton & Tukey 1974); levels as in `MEstimator`.
 
     Attributes:
         c: standardised residual where the weight reaches zero; 4.685 keeps 95 % of the efficiency of least

@@ -11,7 +11,7 @@ from scipy import special
 
 from pl_mc.constants import K_HORIZONTAL, K_VERTICAL
 from pl_mc.input_errors import InputError, require_choice, require_positive, require_whole
-from pl_mc.kernels import LinearModel, ProtectionLevels, Start
+from pl_mc.kernels import LeastSquaresSolution, LinearModel, ProtectionLevels
 from pl_mc.kernels.estimate import safe_sqrt
 from pl_mc.kernels.leave_one_out import (
     Projections,
@@ -27,7 +27,7 @@ from pl_mc.kernels.leave_one_out import (
 )
 from pl_mc.methods.base import Outcome, name_with_options
 from pl_mc.methods.exclusion import LEAST_FREEDOM
-from pl_mc.methods.raim_levels import P_FA, SIGMA, at_freedom, decided, require_risks, sigma_levels, thresholds
+from pl_mc.methods.raim_levels import P_FA, SIGMA, at_dof, decided, require_risks, sigma_levels, thresholds
 from pl_mc.statistics.reliability import noncentral_shift
 
 RELIABILITY = "reliability"
@@ -51,7 +51,7 @@ class WTest:
     Levels of the satellites that are left, ``form``:
 
     - ``sigma``: K times a standard deviation of the position; ``variance`` says which. ``apriori``: (A'PA)^-1 of
-      the satellites left, with the model's own sigma; ``posterior``: that times m^2 = V'PV / freedom, both of them.
+      the satellites left, with the model's own sigma; ``posterior``: that times m^2 = V'PV / dof, both of them.
       Neither knows that satellites were chosen by their residuals, so both are too small on the average.
     - ``reliability``: the external reliability, the largest slope times delta0 of alpha and ``power``: the position
       error that a bias of the size of its MDB causes.
@@ -104,15 +104,15 @@ class WTest:
     def prepare(self, model: LinearModel) -> Projections:
         return projections(model)
 
-    def solve(self, model: LinearModel, prepared: Projections, start: Start) -> Outcome:
+    def solve(self, model: LinearModel, prepared: Projections, start: LeastSquaresSolution) -> Outcome:
         left = all_in_view(model, prepared, start)
         for _ in range(self.exclusions):
             largest, satellite, unique = pick(standardised(left))
-            go = (largest > self.quantile) & unique & (left.freedom >= LEAST_FREEDOM)
+            go = (largest > self.quantile) & unique & (left.dof >= LEAST_FREEDOM)
             left = adopt(go, leave_out(prepared, left, satellite, go), left)
         squares = square_sum(model, left)
         local = jnp.max(standardised(left), axis=0) > self.quantile
-        limit = at_freedom(thresholds(model.design.shape[0], self.p_fa), left.freedom)
+        limit = at_dof(thresholds(model.design.shape[0], self.p_fa), left.dof)
         rejects = {LOCAL: local, GLOBAL: squares > limit, BOTH: local | (squares > limit)}[self.final]
         return decided(model.available, left.error_m, self._levels(prepared, left, squares), rejects)
 
@@ -123,5 +123,5 @@ class WTest:
         levels = sigma_levels(left.covariance_m2, k_horizontal=self.k_horizontal, k_vertical=self.k_vertical)
         if self.variance == APRIORI:
             return levels
-        unit_error = safe_sqrt(squares / jnp.maximum(left.freedom, 1.0))
+        unit_error = safe_sqrt(squares / jnp.maximum(left.dof, 1.0))
         return jax.tree.map(lambda level: level * unit_error, levels)

@@ -17,12 +17,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pl_mc.geometry.record import SYSTEM_NAMES
-from pl_mc.host.rtklib_child import run_rtklib_child
 from pl_mc.input_errors import InputError
 from pl_mc.receiver import rtklib_worker as worker
 from pl_mc.receiver.navigation_records import checked_navigation
 from pl_mc.receiver.observation_records import checked_observations
 from pl_mc.receiver.rinex_text import PSEUDORANGE_CODES, header_position_m, read_rinex_text, require_systems
+from pl_mc.runtime.rtklib_child import run_rtklib_child
 
 SYSTEMS = tuple(PSEUDORANGE_CODES)
 

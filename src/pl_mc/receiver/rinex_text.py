@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 
 from pl_mc.geometry.record import SYSTEM_NAMES
 from pl_mc.input_errors import InputError
-from pl_mc.receiver.unpacking import read_unpacked
+from pl_mc.runtime.unpacking import read_unpacked
 
 _KINDS = {"O": "observation", "N": "navigation", "M": "meteorological", "C": "clock"}
 _OTHER_KINDS_2 = {"G": "GLONASS navigation", "H": "geostationary navigation"}

@@ -11,7 +11,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from pl_mc.geometry.frames import from_geodetic
 from pl_mc.input_errors import InputError, shown
-from pl_mc.receiver.unpacking import read_unzipped
+from pl_mc.runtime.unpacking import read_unzipped
 
 # A receiver is on the ground, at sea or in the air: from below the radius at the poles to well above the equator.
 LOWEST_RADIUS_M, HIGHEST_RADIUS_M = 6_300_000.0, 6_500_000.0

@@ -9,11 +9,8 @@ from __future__ import annotations
 import re
 from collections.abc import Callable
 
-from pl_mc.report.guo_answers import guo_answer
-from pl_mc.report.risk_answers import risk_answer
 from pl_mc.report.run_folder import RunFolder
 from pl_mc.report.series_answers import observe_answer, readings_answer, series_answer
-from pl_mc.report.service_text import service_answer
 from pl_mc.report.sweep_answers import (
     compare_answer,
     map_answer,
@@ -23,8 +20,11 @@ from pl_mc.report.sweep_answers import (
     sweep_answer,
     variants_answer,
 )
-from pl_mc.report.time_ramps_text import time_ramps_answer
-from pl_mc.report.tuning_text import tuning_answer
+from pl_mc.studies.guo.answer import guo_answer
+from pl_mc.studies.risk.answer import risk_answer
+from pl_mc.studies.service.text import service_answer
+from pl_mc.studies.time_ramps.text import time_ramps_answer
+from pl_mc.studies.tuning.text import tuning_answer
 
 ANSWERS: dict[str, Callable[[RunFolder], tuple[str, ...]]] = {
     "compare": compare_answer,

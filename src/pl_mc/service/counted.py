@@ -5,8 +5,8 @@ from __future__ import annotations
 from collections import deque
 
 from pl_mc.engine.execution import Execution, run_task
-from pl_mc.host.threads import cores
 from pl_mc.input_errors import InputError
+from pl_mc.runtime.threads import cores
 from pl_mc.service.counting import ServiceCounts
 from pl_mc.service.task import ServiceTask
 

@@ -15,12 +15,12 @@ from pl_mc.araim.levels import protection_levels as araim_levels
 from pl_mc.engine.compiling import compiler_options
 from pl_mc.engine.noise import LANES, epoch_key, unit_inputs
 from pl_mc.geometry.record import POSITION_UNKNOWNS
-from pl_mc.host.precision import dtype_of, precision_scope
-from pl_mc.kernels import LinearModel, Start, linear_model
+from pl_mc.kernels import LeastSquaresSolution, LinearModel, linear_model
 from pl_mc.kernels.linear_model import product
 from pl_mc.methods import Araim, MaxDop, Method, Nioraim, Parity, RangeComparison, Sbas, Slope, WTest
 from pl_mc.methods.w_test import POSTERIOR, SIGMA
 from pl_mc.noise_models import GAUSSIAN, NoiseModel
+from pl_mc.runtime.precision import dtype_of, precision_scope
 from pl_mc.service.sky import Geometries
 
 FloatArray = NDArray[np.float64]
@@ -114,7 +114,7 @@ def _levels(
     def one(geometry: tuple[Array, Array, Array, Array]) -> list[tuple[Array, Array]]:
         rows, sigma, seen, number = geometry
         # A satellite has one clock.
-        model = linear_model(rows, sigma, seen, clocks_apart=True)
+        model = linear_model(rows, sigma, seen, one_clock_per_row=True)
         pairs = []
         if noisy:
             key = epoch_key(seed, number)
@@ -132,7 +132,9 @@ def _levels(
 def _pairs(methods: tuple[Method, ...], model: LinearModel, noise: Array) -> list[tuple[Array, Array]]:
     state = product(model.gain, noise)
     residuals = noise - product(model.design, state)
-    start = Start(residuals=residuals, state=state, square_sum=jnp.sum(residuals * residuals, axis=0))
+    start = LeastSquaresSolution(
+        residuals=residuals, state=state, square_sum=jnp.sum(residuals * residuals, axis=0)
+    )
     outcomes = [method.solve(model, method.prepare(model), start) for method in methods]
     return [
         (jnp.where(one.available, one.hpl_m, jnp.inf), jnp.where(one.available, one.vpl_m, jnp.inf))

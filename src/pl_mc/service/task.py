@@ -20,10 +20,10 @@ from pl_mc.engine.identity import digest
 from pl_mc.engine.noise import LANES
 from pl_mc.engine.part_task import Kind
 from pl_mc.geometry.record import Geometry
-from pl_mc.host.threads import in_order
 from pl_mc.input_errors import InputError
 from pl_mc.methods import Araim, Method
 from pl_mc.noise_models import NoiseModel
+from pl_mc.runtime.threads import in_order
 from pl_mc.service.continuity import Duration
 from pl_mc.service.counting import ServiceCounts
 from pl_mc.service.grid import WorldGrid

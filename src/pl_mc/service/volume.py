@@ -19,7 +19,6 @@ from pl_mc.engine.execution import Execution
 from pl_mc.error_models import ErrorModel, as_error_model
 from pl_mc.geometry.constellations import constellation_slots
 from pl_mc.geometry.gps_time import gps_seconds
-from pl_mc.host.precision import dtype_of
 from pl_mc.input_errors import (
     InputError,
     require_choice,
@@ -29,6 +28,7 @@ from pl_mc.input_errors import (
 )
 from pl_mc.methods import Method, as_methods
 from pl_mc.noise_models import GAUSSIAN, NoiseModel, as_noise_model
+from pl_mc.runtime.precision import dtype_of
 from pl_mc.service.continuity import as_durations
 from pl_mc.service.counted import count_service
 from pl_mc.service.counting import ServiceCounts, level_table, site_table, world_table

@@ -17,7 +17,7 @@ import numpy as np
 from jax import Array
 
 from pl_mc.engine.core import EpochBatch, each_fault, prepare_epoch
-from pl_mc.kernels import LinearModel, Start
+from pl_mc.kernels import LeastSquaresSolution, LinearModel
 from pl_mc.kernels.linear_model import product
 from pl_mc.methods import Method
 from pl_mc.noise_models.gauss_markov import step
@@ -112,7 +112,7 @@ def pass_plan(
         bias_m=jnp.zeros((len(rows.design), 1, len(rows.names))),
         applies=jnp.ones((len(rows.design), 1), bool),
         epoch=jnp.arange(len(rows.design), dtype=jnp.uint32),
-        clocks_apart=bool(((rows.design[..., 3:] != 0).sum(axis=-1) <= 1).all()),
+        one_clock_per_row=bool(((rows.design[..., 3:] != 0).sum(axis=-1) <= 1).all()),
     )
     models, prepared = _prepare_all(batch, methods=methods)
     parities = [parity_tests(one, rows, noise, ramp_m, onset) for one in tests if isinstance(one, SequentialParity)]
@@ -217,7 +217,7 @@ def watch_block(
             epoch=time,
         )
 
-        def ask(start: Start, _: Array) -> tuple[list[tuple[Array, Array]], Array]:
+        def ask(start: LeastSquaresSolution, _: Array) -> tuple[list[tuple[Array, Array]], Array]:
             asked = [
                 alarm_ratio(method, model, made, start, plan.vertical_m)
                 for method, made in zip(methods, prepared, strict=True)

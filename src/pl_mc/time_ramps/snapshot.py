@@ -19,12 +19,12 @@ from typing import Any
 import jax.numpy as jnp
 from jax import Array
 
-from pl_mc.kernels import LinearModel, Start
+from pl_mc.kernels import LeastSquaresSolution, LinearModel
 from pl_mc.kernels.leave_one_out import all_in_view, standardised
 from pl_mc.kernels.linear_model import product
-from pl_mc.methods import L1, MM, Araim, GatedIgg3, Ls, Method, Parity, Reweighted, Slope, WTest
+from pl_mc.methods import L1, MM, Araim, GatedIgg3, Ls, MEstimator, Method, Parity, Slope, WTest
 
-LEVEL_METHODS = (Ls, Reweighted, MM, L1)
+LEVEL_METHODS = (Ls, MEstimator, MM, L1)
 SNAPSHOT_METHODS = (*LEVEL_METHODS, Slope, Parity, WTest, Araim)
 
 
@@ -34,7 +34,7 @@ def has_ratio(cls: type) -> bool:
 
 
 def alarm_ratio(
-    method: Method, model: LinearModel, prepared: Any, start: Start, vertical_m: Array
+    method: Method, model: LinearModel, prepared: Any, start: LeastSquaresSolution, vertical_m: Array
 ) -> tuple[Array, Array]:
     """The statistic over its nominal threshold and the up error [m], each (lanes,).
 

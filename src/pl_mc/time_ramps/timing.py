@@ -16,11 +16,11 @@ from scipy import stats
 from pl_mc.alert import LPV_200, AlertLimits
 from pl_mc.engine.checks import LARGEST_SEED, require_geometry_and_alert
 from pl_mc.geometry.record import Geometry
-from pl_mc.host.precision import precision_scope
-from pl_mc.host.progress import progress_bar
 from pl_mc.input_errors import InputError, require_number, require_whole
 from pl_mc.methods import METHODS
 from pl_mc.named import as_records
+from pl_mc.runtime.precision import precision_scope
+from pl_mc.runtime.progress import progress_bar
 from pl_mc.statistics.intervals import clopper_pearson
 from pl_mc.time_ramps.kalman_innovation import KalmanInnovation
 from pl_mc.time_ramps.passes import PassPlan, Test, Watched, pass_plan, watch_block

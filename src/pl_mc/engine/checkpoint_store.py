@@ -1,0 +1,244 @@
+"""Parts of a task as Parquet files, written so that a process killed at any moment leaves whole files only.
+
+The rows are the task's affair (`pl_mc.engine.part_task`). The file's metadata carry the part's number, the task,
+the environment that counted it, and a checksum of all bytes of the file, so that each file speaks for itself: files
+can be gathered from several folders, and one of another task or with a changed byte is known before it is used.
+"""
+
+from __future__ import annotations
+
+import contextlib
+import hashlib
+import json
+import os
+import re
+import secrets
+from collections.abc import Collection, Iterator, Mapping
+from pathlib import Path
+from typing import Any, Generic
+
+import pandas as pd
+import pyarrow as pa
+import pyarrow.parquet as pq
+
+from pl_mc.engine.identity import ASKED, WHERE, Identity, differences, fingerprint, identity_of
+from pl_mc.engine.part_task import P, Task
+from pl_mc.input_errors import InputError
+
+_KEY = b"pl_mc"
+
+# The checksum in a file is that of its bytes with zeros in the checksum's place.
+_NO_CHECKSUM = "0" * 64
+_CHECKSUM = re.compile(rb'"sha256": "([0-9a-f]{64})"')
+
+
+class BadPart(Exception):
+    """A part file that cannot be used; the message says why."""
+
+
+class PartStore(Generic[P]):
+    """A folder of part files that belong to one task.
+
+    Args:
+        folder: made when the first file is written.
+        task: what is counted.
+        numbers: the parts that are this process's to write; all of them unless given.
+        resume: go on with what the folder holds; otherwise it may hold none of ``numbers``.
+        any_machine: whether parts of other versions or machines are welcome.
+
+    Attributes:
+        elsewhere: environments, other than this one, of parts that were read.
+
+    Raises:
+        InputError: the folder holds parts of another task, or parts where none are expected.
+    """
+
+    def __init__(
+        self,
+        folder: Path,
+        task: Task[P],
+        *,
+        numbers: Collection[int] | None = None,
+        resume: bool,
+        any_machine: bool = False,
+    ) -> None:
+        self.folder = folder
+        self.task = task
+        self.identity: Identity = identity_of(task)
+        self.elsewhere: list[Mapping[str, Any]] = []
+        self._asked = fingerprint(self.identity[ASKED])
+        self._any_machine = any_machine
+        self._shared = numbers is not None
+        self._mine = range(task.part_count) if numbers is None else numbers
+        stored = self.stored()
+        mine = stored if numbers is None else [number for number in stored if number in set(numbers)]
+        if mine and not resume:
+            raise InputError(
+                f"{folder}: {len(mine)} finished parts of an earlier run are here; resume it, or remove the folder "
+                "to start anew."
+            )
+        self._record = folder / task.kind.record
+        if stored and self._record.is_file():
+            before = self._read_record()
+            # Several machines may share a folder for their shares, or their parts may have been gathered in one.
+            sections = (ASKED,) if any_machine or self._shared else (ASKED, WHERE)
+            if changed := differences(before, self.identity, sections):
+                raise InputError(
+                    f"{folder}: the parts here belong to another {task.kind.name}, which cannot be resumed "
+                    f"({'; '.join(changed)}); remove the folder to start anew."
+                )
+
+    def begin(self) -> None:
+        """Make the folder ready to be written: name the task, remove what killed processes left half written.
+
+        Raises:
+            InputError: it cannot be written.
+        """
+        with _told(self._record):
+            self.folder.mkdir(parents=True, exist_ok=True)
+            for path in self.folder.glob(".*"):
+                if self._is_leftover(path.name):
+                    path.unlink(missing_ok=True)
+            if not self.stored() or not self._record.is_file():
+                write_whole(self._record, (json.dumps(self.identity, indent=2) + "\n").encode())
+
+    def _read_record(self) -> Identity:
+        what = f"record of a {self.task.kind.name}"
+        try:
+            found = json.loads(self._record.read_text(encoding="utf-8"))
+            if not isinstance(found, dict) or not all(isinstance(section, dict) for section in found.values()):
+                raise ValueError(f"it is no {what}")
+        except (OSError, ValueError) as error:
+            reason = " ".join(str(error).split())
+            raise InputError(f"{self._record}: this {what} cannot be read ({reason}); remove the folder.") from None
+        return found
+
+    def _is_leftover(self, name: str) -> bool:
+        if name.startswith(f".{self._record.name}."):
+            # Another share may be about to write it.
+            return not self._shared
+        found = re.match(r"\.part-(\d+)\.parquet\.", name)
+        return found is not None and (not self._shared or int(found[1]) in self._mine)
+
+    def place(self, number: int) -> Path:
+        """The file of a part."""
+        return self.folder / f"part-{number:06d}.parquet"
+
+    def stored(self) -> list[int]:
+        """Numbers of the part files that are there, read or not."""
+        return [number for number, _ in _part_files(self.folder)]
+
+    def write(self, part: P) -> None:
+        """Store a part.
+
+        Raises:
+            InputError: it cannot be written.
+        """
+        about = {
+            "part": part.number,
+            "experiment": self._asked,
+            "environment": self.identity[WHERE],
+            "sha256": _NO_CHECKSUM,
+        }
+        table = self.task.part_rows(part)
+        sink = pa.BufferOutputStream()
+        with pq.ParquetWriter(sink, table.schema, compression="zstd") as writer:
+            writer.write_table(table)
+            writer.add_key_value_metadata({_KEY: json.dumps(about).encode()})
+        with _told(self.place(part.number)):
+            write_whole(self.place(part.number), _with_checksum(sink.getvalue().to_pybytes()))
+
+    def read(self, number: int) -> P:
+        """A stored part.
+
+        Raises:
+            BadPart: the file is not what was written, or it is of another task.
+        """
+        place = self.place(number)
+        try:
+            content = place.read_bytes()
+        except OSError as error:
+            raise BadPart(f"{place}: it cannot be read ({(error.strerror or str(error)).lower()})") from None
+        # No other reader sees the bytes before they are known to be what was written.
+        if not is_whole(content):
+            raise BadPart(f"{place}: it is not what was written")
+        try:
+            file = pq.ParquetFile(pa.BufferReader(content))
+            about = json.loads(file.metadata.metadata[_KEY])
+            held, experiment, where = about["part"], about["experiment"], about["environment"]
+            if experiment != self._asked:
+                raise BadPart(f"{place}: a part of another {self.task.kind.name}")
+            if held != number:
+                raise BadPart(f"{place}: it holds part {held}")
+            if where != self.identity[WHERE] and not self._any_machine:
+                changed = differences({WHERE: where}, self.identity, (WHERE,))
+                raise BadPart(f"{place}: counted in another environment ({'; '.join(changed)})")
+            part = self.task.part_of(number, file.read())
+        except (pa.ArrowException, KeyError, TypeError, ValueError) as error:
+            raise BadPart(f"{place}: not a part as this version writes it ({type(error).__name__})") from None
+        if where != self.identity[WHERE] and where not in self.elsewhere:
+            self.elsewhere.append(where)
+        return part
+
+    def notes(self) -> list[str]:
+        """A sentence for each other environment in which parts that were read were counted."""
+        return [
+            f"{self.folder}: parts were counted in another environment "
+            f"({'; '.join(differences({WHERE: where}, self.identity, (WHERE,)))}), where a single scenario at the "
+            f"edge of {self.task.kind.edge} can count otherwise."
+            for where in self.elsewhere
+        ]
+
+
+def read_rows(folder: Path) -> Iterator[pd.DataFrame]:
+    """The rows of each part file of a folder, in order of the parts."""
+    for _, path in _part_files(folder):
+        yield pd.read_parquet(path)
+
+
+def write_whole(place: Path, content: bytes) -> None:
+    """Write a file that is there whole or not at all, also if the process or the machine stops meanwhile."""
+    # Process numbers alone are no name: containers that share a folder have the same.
+    working = place.with_name(f".{place.name}.{os.getpid()}-{secrets.token_hex(4)}")
+    try:
+        with working.open("xb") as file:
+            file.write(content)
+            file.flush()
+            os.fsync(file.fileno())
+        os.replace(working, place)
+    finally:
+        working.unlink(missing_ok=True)
+
+
+def _part_files(folder: Path) -> list[tuple[int, Path]]:
+    """Numbers and places of the part files of a folder, in order."""
+    found = ((re.fullmatch(r"part-(\d{6,})\.parquet", path.name), path) for path in folder.glob("part-*.parquet"))
+    return sorted((int(match[1]), path) for match, path in found if match)
+
+
+def _with_checksum(content: bytes) -> bytes:
+    """A file as written with `_NO_CHECKSUM`, with its checksum."""
+    (found,) = _CHECKSUM.finditer(content)
+    total = hashlib.sha256(content).hexdigest().encode()
+    return content[: found.start(1)] + total + content[found.end(1) :]
+
+
+def is_whole(content: bytes) -> bool:
+    """Whether a file has the checksum that it carries."""
+    found = list(_CHECKSUM.finditer(content))
+    if len(found) != 1:
+        return False
+    start, stop = found[0].span(1)
+    blank = content[:start] + _NO_CHECKSUM.encode() + content[stop:]
+    return hashlib.sha256(blank).hexdigest().encode() == found[0][1]
+
+
+@contextlib.contextmanager
+def _told(place: Path) -> Iterator[None]:
+    try:
+        yield
+    except OSError as error:
+        reason = (error.strerror or str(error)).lower()
+        raise InputError(
+            f"{place}: it cannot be written ({reason}); what was finished before is kept and can be resumed."
+        ) from None

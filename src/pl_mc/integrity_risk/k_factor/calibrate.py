@@ -1,0 +1,247 @@
+"""The multiplier that a protection level should have, so that an event has the probability that is asked for.
+
+With VPL = K u, u what the method makes of a scenario, every event here ends at one value of K, the scenario's ratio
+(`pl_mc.integrity_risk.k_factor.error_to_level_ratio`). P(event) at K is the probability that the ratio is above K,
+and the multiplier is a quantile of the ratio. For least squares it is computed; for other methods it is an order
+statistic of drawn ratios, or, where no count reaches, it is read off a curve of P(event) against K that one run of
+a rare-event estimator gives and another one checks.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+import math
+from collections.abc import Callable
+from typing import Any, Literal
+
+import numpy as np
+import pandas as pd
+
+from pl_mc.alert import LPV_200, AlertLimits
+from pl_mc.engine.checks import LARGEST_DRAWS, LARGEST_SEED, require_geometry_and_alert, require_inputs
+from pl_mc.faults import Faults, no_fault
+from pl_mc.geometry.record import Geometry
+from pl_mc.input_errors import InputError, require_choice, require_positive, require_whole
+from pl_mc.integrity_risk.k_factor.error_to_level_ratio import EVENTS, ratio_state
+from pl_mc.integrity_risk.k_factor.exceedance_curve import TailCurve
+from pl_mc.integrity_risk.k_factor.from_curve import from_curve
+from pl_mc.integrity_risk.k_factor.order_statistics import counted, drawn_ratios, fewest_draws, order_bounds
+from pl_mc.integrity_risk.k_factor.record import (
+    Found,
+    alarm_columns,
+    alarm_rate,
+    always_alarms,
+    exact_multiplier,
+    require_multiple,
+)
+from pl_mc.integrity_risk.k_factor.search import bounds_of, first_guess, searched
+from pl_mc.integrity_risk.worst.worst_case import Estimator
+from pl_mc.methods import Ls, Method, as_methods
+from pl_mc.statistics.least_squares import ls_quantities
+
+__all__ = ["calibrate", "fewest_draws", "order_bounds"]
+
+
+def calibrate(
+    g: Geometry,
+    *,
+    method: str | Method = "ls",
+    target: float = 1e-7,
+    faults: Faults | None = None,
+    event: Literal["exceeded", "misleading"] = "exceeded",
+    alert: AlertLimits = LPV_200,
+    confidence: float = 0.95,
+    pooled: bool = False,
+    draws: int = 200_000,
+    seed: int = 0,
+    target_cov: float = 0.1,
+    max_evaluations: int = 10_000_000,
+    estimator: Callable[[Method], Estimator] | None = None,
+) -> pd.DataFrame:
+    """The multiplier of the vertical protection level with which P(event) is ``target``, and its cost in alarms.
+
+    Least squares is exact: fault-free, ``exceeded`` needs Student's quantile for n - t degrees of freedom, both
+    signs together, and everything else the root of an exact probability. For other methods the multiplier comes
+    from ``draws`` ratios where that many can tell, draws >= log(1 - confidence) / log(1 - target), about 3 /
+    target for 95 %; else, one epoch at a time, from the curve of P(event) against K, which subset simulation on the
+    ratio gives at one go, inverted together with its bounds. Importance sampling with random numbers of its own
+    checks P(event) at the multiplier that is found: where the two disagree there is a warning and no number.
+
+    Args:
+        g: the geometry, one epoch or a series.
+        method: name or record of a method, with the multiplier that is compared.
+        target: probability of the event per sample.
+        faults: the faults under which the target shall hold, each for itself; the fault-free case unless given.
+        event: ``exceeded``, |vertical error| > VPL, alarm or not; ``misleading``, the same and no alarm.
+        alert: alert limits; the vertical one, VAL, decides on alarms.
+        confidence: with which ``k_high`` keeps the target, and ``k_low`` does not: each for itself.
+        pooled: for a series: one multiplier for all epochs, with which the mean risk over them is the target,
+            instead of one for each.
+        draws, seed: of the ratios, per epoch and fault; not used by least squares.
+        target_cov, max_evaluations: of the rare-event estimators: relative standard error of P(event) that is aimed
+            at, and scenarios that an epoch and fault may cost.
+        estimator: a function of a method that gives the function of faults, coefficient of variation and seed
+            described at `pl_mc.worst_case`; it takes the place of the rare-event estimators, and the multiplier is
+            searched for, one estimate for each that is tried.
+
+    Returns:
+        One row per epoch (or one for all where ``pooled``) and fault: ``epoch`` (missing where pooled), ``method,
+        fault, bias_m, event, target, found`` (``exact``, ``counting`` or ``rare events``), ``draws`` (scenarios
+        computed), ``k_vertical`` (best estimate; missing where two estimates disagree), ``k_low, k_high``,
+        ``inflation`` (k_high over the multiplier of the record), ``probability, probability_low,
+        probability_high`` of the event at ``k_high`` (bounds at the confidence, two-sided where counted, each for
+        itself where estimated, equal where exact), and ``alarm_rate_before, alarm_rate_after`` (with ``_low`` and
+        ``_high``, two-sided) at the record's multiplier and at ``k_high``; an unavailable solution counts as an
+        alarm. ``decides`` marks the fault that needs the largest ``k_high`` at its epoch. Zero means that any
+        multiplier keeps the target. ``check_probability, check_low, check_high`` is what importance sampling finds
+        at ``k_vertical``, with a 95 % interval, where it ran. ``warning`` is empty, or says what is in doubt.
+
+        The curves, where there are any, are in ``table.attrs["curves"]``, each a dictionary of ``epoch, method,
+        fault`` and lists ``k_vertical, probability, low, high`` (either bound with the confidence).
+
+    Raises:
+        InputError: options outside their range, faults of another geometry, a pooled multiplier whose target is too
+            rare to count.
+    """
+    require_geometry_and_alert(g, alert)
+    faults = no_fault(g) if faults is None else faults
+    require_inputs(g, faults, alert)
+    require_choice(event, EVENTS, field="event")
+    for field, value in (("target", target), ("confidence", confidence)):
+        if not require_positive(value, field=field) < 1.0:
+            raise InputError(f"{field}: it lies between 0 and 1, both excluded, not {value!r}.")
+    draws = require_whole(draws, field="draws", low=1, high=LARGEST_DRAWS)
+    seed = require_whole(seed, field="seed", low=0, high=LARGEST_SEED)
+    (chosen,) = as_methods([method])
+    if not hasattr(chosen, "k_vertical") or not dataclasses.is_dataclass(chosen):
+        raise InputError(f"method: {chosen.name} has no multiplier k_vertical to calibrate.")
+    require_multiple(chosen)
+    series = g.as_series()
+    epochs = [series] if pooled else [series[k : k + 1] for k in range(len(series))]
+    rows: list[dict[str, Any]] = []
+    curves: list[dict[str, Any]] = []
+    for part in epochs:
+        for k in range(len(faults)):
+            fault = Faults(faults.bias_m[k : k + 1], faults.names, faults.labels[k : k + 1])
+            if not fault.applies(part).any():
+                continue
+            keys = {
+                "epoch": np.nan if pooled else int(part.epoch[0]),
+                "method": chosen.name,
+                "fault": fault.labels[0],
+                "bias_m": float(fault.scalar_bias_m[0]),
+                "event": event,
+                "target": float(target),
+            }
+            if isinstance(chosen, Ls) and estimator is None:
+                found, alarm = exact_multiplier(part, fault, chosen, event, alert, target)
+            else:
+                found, alarm, curve = _estimated(
+                    part,
+                    fault,
+                    chosen,
+                    event,
+                    alert,
+                    target=target,
+                    confidence=confidence,
+                    draws=draws,
+                    seed=seed,
+                    target_cov=target_cov,
+                    max_evaluations=max_evaluations,
+                    estimator=estimator,
+                )
+                if curve is not None:
+                    curves.append(_curve_columns(keys, curve, confidence))
+            rows.append(keys | _columns(found, float(chosen.k_vertical)) | alarm | _check_columns(found))
+    if not rows:
+        raise InputError("faults: none of them has all of its satellites in view at any epoch of this geometry.")
+    table = pd.DataFrame(rows)
+    if not pooled:
+        table["epoch"] = table["epoch"].astype(np.int64)
+    largest = table.groupby("epoch", dropna=False)["k_high"].transform("max")
+    table.insert(table.columns.get_loc("check_probability"), "decides", table["k_high"] == largest)
+    table.attrs["curves"] = curves
+    return table
+
+
+def _estimated(
+    g: Geometry,
+    fault: Faults,
+    method: Any,
+    event: str,
+    alert: AlertLimits,
+    *,
+    target: float,
+    confidence: float,
+    draws: int,
+    seed: int,
+    target_cov: float,
+    max_evaluations: int,
+    estimator: Callable[[Method], Estimator] | None,
+) -> tuple[Found, dict[str, float], TailCurve | None]:
+    unit_m, ratio = drawn_ratios(g, fault, method, event, alert, draws=draws, seed=seed)
+    high, low = order_bounds(ratio.size, target, confidence)
+    curve = None
+    if estimator is None and high >= 1:
+        found = counted(ratio, target, confidence, high, low)
+    elif not ls_quantities(g).available.any():
+        found = always_alarms()
+    elif len(g) > 1:
+        needed = math.ceil(fewest_draws(target, confidence) / int(fault.applies(g).sum()))
+        raise InputError(
+            f"draws: a pooled multiplier is counted, which at {target:g} with confidence {confidence:g} needs at "
+            f"least {needed} draws per epoch, not {draws} (or a larger target, or one multiplier per epoch)."
+        )
+    elif estimator is None:
+        made = from_curve(
+            ratio_state(g, fault, method, event, alert),
+            target=target,
+            confidence=confidence,
+            key=(seed, int(g.epoch[0])),
+            name="/".join((method.name, event, fault.labels[0])),
+            target_cov=target_cov,
+            most_evaluations=max_evaluations,
+        )
+        found, curve = made.found, made.curve
+    else:
+        one = g[0]
+        local = Faults.from_array(one, fault.bias_m[:, [g.names.index(name) for name in one.names]])
+
+        def trial(k: float) -> tuple[float, float, float, str]:
+            row = estimator(dataclasses.replace(method, k_vertical=k))(local, target_cov, seed).iloc[0]
+            return *bounds_of(row, confidence), str(row["warning"])
+
+        found = searched(trial, first_guess(ratio, target), target)
+    alarm = [alarm_rate(unit_m, k, alert, confidence) for k in (float(method.k_vertical), found.high)]
+    return found, alarm_columns(*alarm), curve
+
+
+def _columns(found: Found, k_before: float) -> dict[str, object]:
+    return {
+        "found": found.found,
+        "draws": found.draws,
+        "k_vertical": found.k,
+        "k_low": found.low,
+        "k_high": found.high,
+        "inflation": found.high / k_before,
+        "probability": found.probability,
+        "probability_low": found.probability_low,
+        "probability_high": found.probability_high,
+    }
+
+
+def _check_columns(found: Found) -> dict[str, object]:
+    return {
+        "check_probability": found.check_probability,
+        "check_low": found.check_low,
+        "check_high": found.check_high,
+        "warning": found.warning,
+    }
+
+
+def _curve_columns(keys: dict[str, Any], curve: TailCurve, confidence: float) -> dict[str, Any]:
+    low, high = curve.bounds(confidence)
+    columns = {"k_vertical": curve.k, "probability": curve.probability, "low": low, "high": high}
+    return {name: keys[name] for name in ("epoch", "method", "fault")} | {
+        name: values.tolist() for name, values in columns.items()
+    }

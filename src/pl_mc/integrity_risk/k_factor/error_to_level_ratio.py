@@ -1,0 +1,150 @@
+"""The ratio of an error to the protection level of a multiplier of one: one number that serves every multiplier.
+
+With VPL = K u an event happens where its ratio is above K: |e| / u for an error beyond the level, min(|e|, VAL) / u
+for a misleading one (no alarm besides, K u <= VAL). So the ratio is a limit state for every K at once, compiled
+once; the levels that subset simulation climbs through are multipliers themselves.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+import functools
+from dataclasses import dataclass
+from typing import Any, Protocol
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+from jax import Array
+from numpy.typing import NDArray
+
+from pl_mc.alert import AlertLimits
+from pl_mc.faults import Faults
+from pl_mc.geometry.record import UP, Geometry
+from pl_mc.integrity_risk.rare.limit_state import EpochState, in_calls, rotation
+from pl_mc.kernels import linear_model, start_from
+from pl_mc.methods.base import Method, Outcome
+
+FloatArray = NDArray[np.float64]
+
+EXCEEDED, MISLEADING = "exceeded", "misleading"
+EVENTS = (EXCEEDED, MISLEADING)
+
+_TILE = 512
+# Logarithms of ratios are cut here: no solution on one side, a level of zero on the other.
+_FAR = 700.0
+
+
+class Ratio(Protocol):
+    """A ratio that knows its coordinates."""
+
+    @property
+    def active(self) -> int: ...
+
+    @property
+    def dimension(self) -> int: ...
+
+    def ratio(self, points: FloatArray) -> FloatArray: ...
+
+
+@dataclass(frozen=True)
+class RatioState(EpochState):
+    """The ratio of an event, ``exceeded`` or ``misleading``; the multiplier is one, the noise Gaussian."""
+
+    def ratio(self, points: FloatArray) -> FloatArray:
+        """(N,), the ratio of points (N, dimension), standard normal; zero where no multiplier has the event."""
+        return in_calls(
+            points,
+            self.coordinates,
+            lambda noise: _ratios(
+                self.design,
+                self.sigma_m,
+                self.in_view,
+                self.bias_m,
+                noise,
+                np.float64(self.vertical_m),
+                np.bool_(self.event == MISLEADING),
+                method=self.method,
+            ),
+        )
+
+    def at(self, k: float) -> RatioLimit:
+        """The limit state of the event at one multiplier."""
+        return RatioLimit(self, k)
+
+
+@dataclass(frozen=True)
+class RatioLimit:
+    """log(ratio / k): positive exactly where the event happens with multiplier ``k``."""
+
+    state: Ratio
+    k: float
+
+    @property
+    def active(self) -> int:
+        return self.state.active
+
+    @property
+    def dimension(self) -> int:
+        return self.state.dimension
+
+    def __call__(self, points: FloatArray) -> FloatArray:
+        """(N,), of points (N, dimension)."""
+        ratio = self.state.ratio(points)
+        with np.errstate(divide="ignore"):
+            return np.clip(np.log(ratio / self.k), -_FAR, _FAR)
+
+
+def ratio_state(g: Geometry, fault: Faults, method: Method, event: str, alert: AlertLimits) -> RatioState:
+    """The ratio at an epoch with a determined position and redundancy.
+
+    Args:
+        g: one epoch, or a series of one.
+        fault: one fault of this geometry.
+        method: with a multiplier ``k_vertical``, whose value is of no account.
+        event: one of `EVENTS`.
+        alert: alert limits; the vertical one is used.
+    """
+    series = g.as_series()
+    seen, design, sigma = series.in_view[0], series.design[0], series.sigma_m[0]
+    bias = np.where(seen, fault.bias_m[0, series.satellite[0]], 0.0)
+    # A change of the multiplier would be another record, and a compilation of its own.
+    unit: Any = dataclasses.replace(method, k_vertical=1.0)  # type: ignore[type-var]
+    return RatioState(design, sigma, seen, bias, unit, event, alert.vertical_m, rotation(design, sigma, seen, bias))
+
+
+def ratio_of(outcome: Outcome, vertical_m: Array | float, misleading: Array | bool) -> Array:
+    """(...), the ratio of outcomes whose level has a multiplier of one.
+
+    Zero without a solution, and for a misleading event where the method's own test rejects; infinite where the
+    level is zero, which every error exceeds.
+    """
+    error = jnp.abs(outcome.error_m[UP])
+    worth = jnp.where(misleading, jnp.minimum(error, vertical_m), error)
+    counts = outcome.available & ~(outcome.rejects & misleading)
+    level = jnp.where(counts, outcome.vpl_m, 1.0)
+    ratio = jnp.where(level > 0, worth / jnp.where(level > 0, level, 1.0), jnp.inf)
+    return jnp.where(counts, ratio, 0.0)
+
+
+@functools.partial(jax.jit, static_argnames=("method",))
+def _ratios(
+    design: Array,
+    sigma_m: Array,
+    in_view: Array,
+    bias_m: Array,
+    noise: Array,
+    vertical_m: Array,
+    misleading: Array,
+    *,
+    method: Method,
+) -> Array:
+    """(N,), of whitened noise (N, n)."""
+    model = linear_model(design, sigma_m, in_view)
+    prepared = method.prepare(model)
+
+    def one_tile(tile: Array) -> Array:
+        errors = tile.T * sigma_m[:, None] + bias_m[:, None]
+        return ratio_of(method.solve(model, prepared, start_from(model, errors)), vertical_m, misleading)
+
+    return jax.lax.map(one_tile, noise.reshape(-1, _TILE, noise.shape[1])).reshape(-1)

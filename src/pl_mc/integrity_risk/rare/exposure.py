@@ -1,0 +1,245 @@
+"""Events over an exposure: how often does at least one happen in 150 s, where errors are correlated in time?
+
+A rate per sample does not say. Were the samples independent, 1 - (1 - p)^m of m samples would hold an event, about
+m p; were the error one and the same throughout, p. What lies between is counted here, exposure by exposure, and
+told as the number of independent samples that would do the same.
+"""
+
+from __future__ import annotations
+
+import functools
+import math
+from collections.abc import Sequence
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+import pandas as pd
+from jax import Array
+from numpy.typing import ArrayLike, NDArray
+from scipy import stats
+
+from pl_mc.alert import LPV_200, AlertLimits
+from pl_mc.engine.checks import LARGEST_DRAWS, LARGEST_SEED, require_inputs
+from pl_mc.engine.core import EpochBatch, each_outcome, prepare_epoch
+from pl_mc.engine.events import EVENTS, events
+from pl_mc.engine.noise import LANES, epoch_key, live_lanes
+from pl_mc.engine.plan import Chunk, make_plan
+from pl_mc.faults import Faults
+from pl_mc.geometry.record import Geometry
+from pl_mc.input_errors import InputError, require_positive, require_whole
+from pl_mc.methods import Method, Outcome, as_methods
+from pl_mc.noise_models import GAUSSIAN, NoiseModel, as_noise_model
+from pl_mc.noise_models.gauss_markov import GaussMarkov, step
+from pl_mc.runtime.precision import dtype_of, precision_scope
+from pl_mc.runtime.progress import with_progress
+from pl_mc.statistics.intervals import clopper_pearson
+
+FloatArray = NDArray[np.float64]
+
+CONFIDENCE = 0.95
+
+# Numbers of exposures come from keys beyond those of blocks and of the further numbers of single epochs.
+_EXPOSURES = 2**31 + 2**30
+_MOST_SAMPLES = 100_000
+# Fewer exposures with an event have no normal distribution, and the number of independent samples no interval.
+_FEWEST = 10
+
+
+def exposure(
+    g: Geometry,
+    faults: Faults,
+    *,
+    tau_s: ArrayLike,
+    draws: int,
+    seed: int,
+    duration_s: float = 150.0,
+    interval_s: float = 1.0,
+    methods: Sequence[str | Method] = ("ls", "igg3"),
+    alert: AlertLimits = LPV_200,
+    noise: str | NoiseModel = GAUSSIAN,
+    precision: str = "float64",
+    progress: bool | None = None,
+) -> pd.DataFrame:
+    """Events in exposures to errors that are correlated in time.
+
+    The standard normal numbers behind every satellite's error are stationary first-order Gauss-Markov processes,
+    independent of each other, see `pl_mc.noise_models.gauss_markov`. Under any other noise model the errors that
+    are made of them keep that model's distribution at every sample. Geometry, biases and sigma stay as they are for
+    the whole exposure, so that nothing but noise changes from sample to sample.
+
+    Args:
+        g: one epoch.
+        faults: bias vectors, from `ramp`, `biases` or `no_fault`.
+        tau_s: (k,), correlation times [s]; 0 for independent samples, infinite for an error that stays.
+        draws: exposures for each fault and correlation time; every method sees the same ones.
+        seed: chooses the noise, 0 to 2^32 - 1.
+        duration_s: length of an exposure [s].
+        interval_s: between samples [s], a whole number of times in the duration.
+        methods, alert, noise, precision: as for `pl_mc.sweep`.
+        progress: whether to show a progress bar; where standard error is a terminal unless given.
+
+    Returns:
+        One row per correlation time, fault, method and event of `pl_mc.engine.events`: ``tau_s, fault, bias_m,
+        method, event``; ``exposures``, ``samples`` of each; ``exposures_with``, those with the event at least once,
+        and ``any_rate, any_low, any_high``, their share with 95 % Clopper-Pearson bounds; ``samples_with``,
+        ``sample_rate`` and ``sample_error``, the rate per sample with the standard error that exposures scatter by
+        (samples of one exposure are no independent ones); ``independent_rate``, 1 - (1 - sample_rate)^samples; and
+        ``effective_samples``, log(1 - any_rate) / log(1 - sample_rate), the number of independent samples with the
+        same share of exposures, with ``effective_low, effective_high`` (95 %, delta method on its logarithm;
+        from ten exposures with the event on); NaN
+        where the event was seen in no exposure or in all.
+
+    Raises:
+        InputError: a series of epochs, options outside their range, or a duration that is no multiple of the
+            interval.
+    """
+    require_inputs(g, faults, alert)
+    if g.is_series:
+        raise InputError("geometry: an exposure holds one epoch; choose one of the series, such as g[0].")
+    draws = require_whole(draws, field="draws", low=1, high=LARGEST_DRAWS)
+    seed = require_whole(seed, field="seed", low=0, high=LARGEST_SEED)
+    model = as_noise_model(noise)
+    model.require_geometry(g)
+    chosen = as_methods(methods)
+    samples = samples_of(duration_s, interval_s)
+    taus = _taus(tau_s)
+    plan, dtype = make_plan(g, faults, draws), dtype_of(precision)
+    with precision_scope(precision):
+        batch = jax.tree.map(lambda part: part[0], plan.batch(Chunk(0, 1, 0), dtype))
+        blocks = range(math.ceil(draws / LANES))
+        found = np.zeros((len(taus), 3, len(faults), len(chosen), len(EVENTS)))
+        work = [(place, block) for place in range(len(taus)) for block in blocks]
+        for place, block in with_progress(iter(work), total=len(work), what="Exposures", show=progress):
+            sums = _block_sums(
+                batch,
+                np.uint32(seed),
+                np.int32(block),
+                np.int32(draws // LANES),
+                np.int32(draws % LANES),
+                jnp.asarray(GaussMarkov(taus[place]).correlation(interval_s), dtype),
+                jnp.asarray(alert.vertical_m, dtype),
+                methods=chosen,
+                noise_model=model,
+                samples=samples,
+            )
+            found[place] += np.asarray(sums)
+    rows = []
+    for place, tau in enumerate(taus):
+        # Faults stand in the plan's order, which for one epoch is theirs.
+        for fault in range(len(faults)):
+            for number, method in enumerate(chosen):
+                keys = {
+                    "tau_s": tau,
+                    "fault": faults.labels[fault],
+                    "bias_m": float(faults.scalar_bias_m[fault]),
+                    "method": method.name,
+                }
+                for kind, event in enumerate(EVENTS):
+                    seen, total, squares = (float(value) for value in found[place, :, fault, number, kind])
+                    rows.append(keys | {"event": event.name} | _columns(seen, total, squares, draws, samples))
+    return pd.DataFrame(rows)
+
+
+def samples_of(duration_s: float, interval_s: float) -> int:
+    """The samples of an exposure; an `InputError` unless whole intervals make its duration."""
+    ratio = require_positive(duration_s, field="duration_s") / require_positive(interval_s, field="interval_s")
+    samples = round(ratio)
+    if not 1 <= samples <= _MOST_SAMPLES or abs(ratio - samples) > 1e-9 * samples:
+        raise InputError(
+            f"interval_s: from 1 to {_MOST_SAMPLES} whole intervals make a duration, but {duration_s!r} s is "
+            f"{ratio:.6g} times {interval_s!r} s."
+        )
+    return samples
+
+
+def _taus(tau_s: ArrayLike) -> list[float]:
+    try:
+        values = np.atleast_1d(np.asarray(tau_s, dtype=float))
+    except (TypeError, ValueError):
+        raise InputError(f"tau_s: correlation times in seconds are needed, not {tau_s!r}.") from None
+    if values.ndim != 1 or values.size == 0:
+        raise InputError("tau_s: one row of correlation times is needed.")
+    return [GaussMarkov(float(value)).tau_s for value in values]
+
+
+@functools.partial(jax.jit, static_argnames=("methods", "noise_model", "samples"))
+def _block_sums(
+    one: EpochBatch,
+    seed: Array,
+    block: Array,
+    full_blocks: Array,
+    remainder: Array,
+    correlation: Array,
+    vertical_m: Array,
+    *,
+    methods: tuple[Method, ...],
+    noise_model: NoiseModel,
+    samples: int,
+) -> Array:
+    """(3, f, methods, events), over the exposures of a block.
+
+    How many have the event, and the sum and the square sum of the number of samples with it.
+    """
+    model, prepared = prepare_epoch(one, methods)
+    rows, dtype = model.design.shape[0], model.design.dtype
+    key = jax.random.fold_in(jax.random.fold_in(epoch_key(seed, one.epoch), np.uint32(_EXPOSURES)), block)
+    shape = (noise_model.inputs_per_row, rows, LANES)
+
+    def fresh(time: Array) -> Array:
+        numbers = [
+            jax.random.normal(jax.random.fold_in(jax.random.fold_in(key, time), k), (rows, LANES), dtype)
+            for k in range(shape[0])
+        ]
+        return jnp.stack(numbers)
+
+    def count(outcomes: list[Outcome]) -> Array:
+        return jnp.stack([events(outcome, vertical_m) for outcome in outcomes])
+
+    def one_sample(carry: tuple[Array, Array], time: Array) -> tuple[tuple[Array, Array], None]:
+        units, counts = carry
+        units = jnp.where(time == 0, fresh(time), step(units, fresh(time), correlation))
+        noise = noise_model.shape(model, list(units))
+        seen = each_outcome(model, prepared, methods, one, noise, count)
+        return (units, counts + seen.astype(jnp.int32)), None
+
+    none = jnp.zeros((one.bias_m.shape[0], len(methods), len(EVENTS), LANES), jnp.int32)
+    start = (jnp.zeros(shape, dtype), none)
+    (_, counts), _ = jax.lax.scan(one_sample, start, jnp.arange(samples, dtype=jnp.int32))
+    live = live_lanes(block, full_blocks, remainder)
+    number = jnp.where(live, counts, 0).astype(dtype)
+    return jnp.stack([jnp.sum(number > 0, axis=-1).astype(dtype), number.sum(axis=-1), (number**2).sum(axis=-1)])
+
+
+def _columns(seen: float, total: float, squares: float, draws: int, samples: int) -> dict[str, float]:
+    low, high = (float(bound) for bound in clopper_pearson(seen, draws, CONFIDENCE))
+    share, rate = seen / draws, total / draws / samples
+    # Moments over exposures of whether the event happened and of the share of samples with it.
+    variance = max(squares / draws / samples**2 - rate**2, 0.0)
+    effective = effective_low = effective_high = np.nan
+    if 0 < seen < draws:
+        effective = math.log1p(-share) / math.log1p(-rate)
+        by_share = 1.0 / ((1.0 - share) * -math.log1p(-share))
+        by_rate = 1.0 / ((1.0 - rate) * -math.log1p(-rate))
+        # Samples with the event are in exposures with it: the covariance is rate (1 - share).
+        relative = (
+            by_share**2 * share * (1 - share) + by_rate**2 * variance - 2 * by_share * by_rate * rate * (1 - share)
+        )
+        reach = float(stats.norm.isf((1 - CONFIDENCE) / 2)) * math.sqrt(max(relative, 0.0) / draws)
+        if seen >= _FEWEST:
+            effective_low, effective_high = effective * math.exp(-reach), effective * math.exp(min(reach, 700.0))
+    return {
+        "exposures": draws,
+        "samples": samples,
+        "exposures_with": int(seen),
+        "any_rate": share,
+        "any_low": low,
+        "any_high": high,
+        "samples_with": int(total),
+        "sample_rate": rate,
+        "sample_error": math.sqrt(variance / draws),
+        "independent_rate": -math.expm1(samples * math.log1p(-rate)) if rate < 1.0 else 1.0,
+        "effective_samples": effective,
+        "effective_low": effective_low,
+        "effective_high": effective_high,
+    }

@@ -1,0 +1,245 @@
+"""The limit state: how far a scenario is from an event, as one number that is positive exactly where it happens.
+
+Samplers of rare events climb this number. It is computed by the methods themselves, through one compiled function
+per shape and method, in calls of a fixed width.
+"""
+
+from __future__ import annotations
+
+import functools
+from collections.abc import Callable
+from dataclasses import dataclass
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+from jax import Array
+from numpy.typing import NDArray
+
+from pl_mc.geometry.record import POSITION_UNKNOWNS, UP
+from pl_mc.kernels import linear_model, start_from
+from pl_mc.methods.base import Method, Outcome
+from pl_mc.noise_models import GAUSSIAN, NoiseModel
+from pl_mc.runtime.precision import precision_scope
+
+FloatArray = NDArray[np.float64]
+
+RISK_EVENTS = ("missed", "misleading", "exceeded", "alarm")
+
+# Scenarios per call and per tile of a call: enough to hide a call's cost, tiles that stay in the cache.
+POINTS_PER_CALL = 1024
+_TILE = 512
+
+# The limit state [m] where no distance is known: no solution, or a test of the method's own that decides alone.
+FAR_M = 1e9
+
+
+@dataclass(frozen=True)
+class Rotation:
+    """Orthonormal coordinates of the whitened noise of one epoch, those that matter for the vertical first.
+
+    The first coordinate is the direction that moves the least-squares vertical error, the second the fault's trace
+    in the residuals, the next the rest of the residuals. The others move horizontal position and clocks alone;
+    an estimator that follows a shift of its observations does not feel them in its vertical error or its levels.
+
+    Attributes:
+        matrix: (n, m), rows of the geometry by coordinates, m satellites in view; zero on padding. Where an error
+            comes from k numbers (k n, k m).
+        active: number of coordinates that matter: degrees of freedom and one; all where errors are not Gaussian.
+    """
+
+    matrix: FloatArray
+    active: int
+
+
+class InCoordinates:
+    """What a state at one epoch says of its points: how many coordinates they have."""
+
+    coordinates: Rotation
+
+    @property
+    def active(self) -> int:
+        """Number of coordinates that matter for the vertical."""
+        return self.coordinates.active
+
+    @property
+    def dimension(self) -> int:
+        """Number of all coordinates."""
+        return self.coordinates.matrix.shape[1]
+
+
+def rotation(design: FloatArray, sigma_m: FloatArray, in_view: NDArray[np.bool_], bias_m: FloatArray) -> Rotation:
+    """The coordinates of one epoch with a determined position and at least one redundant satellite.
+
+    Args:
+        design: (n, t) [m/m]; sigma_m: (n,) [m]; in_view: (n,); bias_m: (n,), the fault [m].
+    """
+    seen = np.flatnonzero(in_view)
+    whitened = design[seen] / sigma_m[seen, None]
+    used = whitened.any(axis=0) | (np.arange(whitened.shape[1]) < POSITION_UNKNOWNS)
+    fitted, triangle = np.linalg.qr(whitened[:, used])
+    # The vertical row of (A'A)^-1 A' lies in the fitted space.
+    unit = np.zeros(triangle.shape[0])
+    unit[UP] = 1.0
+    vertical = fitted @ np.linalg.solve(triangle.T, unit)
+    scaled = bias_m[seen] / sigma_m[seen]
+    trace = scaled - fitted @ (fitted.T @ scaled)
+    first = [vertical]
+    # A fault that the residuals do not show leaves a trace of rounding alone.
+    if float(np.linalg.norm(trace)) > 1e-9 * float(np.linalg.norm(scaled)):
+        first.append(trace)
+    residual_space = np.eye(seen.size) - fitted @ fitted.T
+    unknowns = triangle.shape[0]
+    # Its left singular vectors with singular value one span the residuals.
+    residuals = np.linalg.svd(residual_space)[0][:, : seen.size - unknowns]
+    basis = _orthonormal(np.column_stack([*first, residuals, fitted]))
+    matrix = np.zeros((design.shape[0], seen.size))
+    matrix[seen] = basis
+    return Rotation(matrix, active=seen.size - unknowns + 1)
+
+
+def all_axes(in_view: NDArray[np.bool_], inputs: int) -> Rotation:
+    """The numbers of each satellite in view as they are, where turning them would give other errors.
+
+    Independent errors that are not Gaussian look the same along the axes of the satellites alone, and an error that
+    comes from several numbers has no direction at all. So every coordinate matters.
+
+    Args:
+        in_view: (n,); inputs: numbers of each satellite.
+
+    Returns:
+        Coordinates by (inputs, satellites in view), rows by (inputs, n).
+    """
+    one = np.eye(in_view.size)[:, in_view]
+    matrix = np.asarray(np.kron(np.eye(inputs), one), dtype=np.float64)
+    return Rotation(matrix, active=matrix.shape[1])
+
+
+def _orthonormal(columns: FloatArray) -> FloatArray:
+    """Gram-Schmidt, twice, over columns of which those that depend on earlier ones are left out."""
+    kept: list[FloatArray] = []
+    for column in columns.T:
+        size = np.linalg.norm(column)
+        rest = column / size if size > 0 else column
+        for _ in range(2):
+            for other in kept:
+                rest = rest - (other @ rest) * other
+        left = np.linalg.norm(rest)
+        if left > 1e-7:
+            kept.append(rest / left)
+    return np.column_stack(kept)
+
+
+def in_calls(points: FloatArray, coordinates: Rotation, compiled: Callable[[FloatArray], Array]) -> FloatArray:
+    """(N,), a compiled function of the noise (POINTS_PER_CALL, rows) at points (N, dimension), call by call."""
+    values = np.empty(len(points))
+    rows = coordinates.matrix
+    with precision_scope("float64"):
+        for start in range(0, len(points), POINTS_PER_CALL):
+            some = points[start : start + POINTS_PER_CALL]
+            noise = np.zeros((POINTS_PER_CALL, rows.shape[0]))
+            noise[: len(some)] = some @ rows.T
+            values[start : start + len(some)] = np.asarray(compiled(noise))[: len(some)]
+    return values
+
+
+@dataclass(frozen=True)
+class EpochState(InCoordinates):
+    """One event of one method under one fault at one epoch.
+
+    Attributes:
+        design: (n, t) [m/m]; sigma_m: (n,) [m]; in_view: (n,); bias_m: (n,), the fault [m].
+        method: the method.
+        event: one of `RISK_EVENTS`.
+        vertical_m: vertical alert limit [m].
+        coordinates: the coordinates of the points: `rotation` for errors that are Gaussian but for a constant,
+            else `all_axes`.
+    """
+
+    design: FloatArray
+    sigma_m: FloatArray
+    in_view: NDArray[np.bool_]
+    bias_m: FloatArray
+    method: Method
+    event: str
+    vertical_m: float
+    coordinates: Rotation
+
+
+@dataclass(frozen=True)
+class LimitState(EpochState):
+    """An event whose limit state is positive where it happens.
+
+    Attributes:
+        noise: what standard normal numbers are made into.
+    """
+
+    noise: NoiseModel = GAUSSIAN
+
+    def __call__(self, points: FloatArray) -> FloatArray:
+        """(N,), the limit state [m] of points (N, dimension), standard normal."""
+        return in_calls(
+            points,
+            self.coordinates,
+            lambda noise: _levels(
+                self.design,
+                self.sigma_m,
+                self.in_view,
+                self.bias_m,
+                noise,
+                np.float64(self.vertical_m),
+                np.int32(RISK_EVENTS.index(self.event)),
+                method=self.method,
+                noise_model=self.noise,
+            ),
+        )
+
+
+@functools.partial(jax.jit, static_argnames=("method", "noise_model"))
+def _levels(
+    design: Array,
+    sigma_m: Array,
+    in_view: Array,
+    bias_m: Array,
+    noise: Array,
+    vertical_m: Array,
+    event: Array,
+    *,
+    method: Method,
+    noise_model: NoiseModel,
+) -> Array:
+    """(N,), the limit state of standard normal numbers (N, k n), for an event by its place in `RISK_EVENTS`."""
+    model = linear_model(design, sigma_m, in_view)
+    prepared = method.prepare(model)
+    tiles = noise.reshape(-1, _TILE, noise.shape[1])
+
+    def one_tile(tile: Array) -> Array:
+        rows = sigma_m.shape[0]
+        numbers = tile.T
+        units = [numbers[k * rows : (k + 1) * rows] for k in range(noise_model.inputs_per_row)]
+        errors = noise_model.shape(model, units) * sigma_m[:, None] + bias_m[:, None]
+        outcome = method.solve(model, prepared, start_from(model, errors))
+        # All of them cost next to nothing, and one compiled function serves every event.
+        return jnp.stack([limit_state(outcome, vertical_m, name) for name in RISK_EVENTS])[event]
+
+    return jax.lax.map(one_tile, tiles).reshape(-1)
+
+
+def limit_state(outcome: Outcome, vertical_m: Array | float, event: str) -> Array:
+    """(...), a number [m] that is positive where the event of `pl_mc.engine.events` happens, and not elsewhere.
+
+    How far the vertical error is beyond its limit, and the protection level below the alert limit, whichever is
+    less; at most `FAR_M` either way. Without a solution there is an alarm and nothing else; a rejection is an
+    alarm.
+    """
+    error = jnp.abs(outcome.error_m[UP])
+    quiet = vertical_m - outcome.vpl_m
+    if event == "alarm":
+        level, decided, far = -quiet, ~outcome.available | outcome.rejects, FAR_M
+    elif event == "exceeded":
+        level, decided, far = error - outcome.vpl_m, ~outcome.available, -FAR_M
+    else:
+        limit = vertical_m if event == "missed" else outcome.vpl_m
+        level, decided, far = jnp.minimum(error - limit, quiet), ~outcome.available | outcome.rejects, -FAR_M
+    # Where nothing is available the levels are infinite, and their difference is no number.
+    return jnp.where(decided, far, jnp.clip(jnp.where(decided, 0.0, level), -FAR_M, FAR_M))

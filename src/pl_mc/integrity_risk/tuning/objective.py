@@ -1,0 +1,289 @@
+"""The cost of IGG-III limits k0, k1 at a given risk, with its gradient, over noise that stays the same.
+
+The multiplier follows from the limits: it is where the share of draws whose ratio
+(`pl_mc.integrity_risk.k_factor.error_to_level_ratio`) is above it is the target. A share jumps from draw to draw;
+with a logistic step of width ``h`` in the logarithm of the ratio it has a derivative, and the implicit function
+theorem gives that of the multiplier,
+
+    d log K = sum s_i d log r_i / sum s_i,   s_i the steepness of the step at draw i,
+
+the mean change of the ratios near K. The changes of the ratios come through the unrolled iteration. Where the
+target is too rare for plain draws, the ratios are those of draws from another density with their weights, which do
+not depend on the limits: s_i is multiplied by them (`pl_mc.integrity_risk.tuning.draws`).
+"""
+
+from __future__ import annotations
+
+import functools
+from dataclasses import dataclass, replace
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+from jax import Array
+from numpy.typing import NDArray
+from scipy import optimize, special
+
+from pl_mc.integrity_risk.k_factor.error_to_level_ratio import ratio_of
+from pl_mc.kernels import Igg3Weight, IrlsOptions, irls, linear_model, protection_levels, start_from
+from pl_mc.methods.base import outcome_of
+from pl_mc.runtime.precision import precision_scope
+
+FloatArray = NDArray[np.float64]
+
+# Design (n, t) [m/m], sigma (n,) [m], bias (n,) [m], whitened noise (N, n), vertical alert limit [m], whether the
+# event is the misleading one.
+Scenario = tuple[Array, Array, Array, Array, Array, Array]
+
+VPL, ALARMS = "vpl", "alarms"
+OBJECTIVES = (VPL, ALARMS)
+
+# Scenarios per tile of a call, and per call, which is always whole: one compilation serves any number.
+_TILE, _CALL = 512, 4096
+# Logarithm of a ratio of zero: no event, whatever the multiplier.
+NO_EVENT = -700.0
+
+
+@dataclass(frozen=True)
+class Draws:
+    """Ratios and levels of each draw, for one pair of limits.
+
+    Attributes:
+        log_ratio: (f, N), of each fault.
+        log_unit_m: (N,), fault-free, VPL for a multiplier of one [m]; infinite where there is an alarm anyway.
+        ratio_slopes: (2, f, N), derivatives by k0 and k1; none unless asked for.
+        unit_slopes: (2, N), likewise.
+        weight: (f, N), of the ratios, so that those of draws in an event add up to its probability; none where all
+            draws count alike.
+    """
+
+    log_ratio: FloatArray
+    log_unit_m: FloatArray
+    ratio_slopes: FloatArray
+    unit_slopes: FloatArray
+    weight: FloatArray | None = None
+
+
+@dataclass(frozen=True)
+class WeightedNoise:
+    """Draws for a risk that is too rare for plain ones, and plain ones for the price.
+
+    Attributes:
+        plain: (N, n), whitened noise, for the price.
+        noise: (f, M, n), whitened noise from a proposal of each fault.
+        weight: (f, M), density of the noise over that of the proposal, over M.
+    """
+
+    plain: FloatArray
+    noise: FloatArray
+    weight: FloatArray
+
+
+@dataclass(frozen=True)
+class TuningProblem:
+    """What is tuned at one epoch.
+
+    Attributes:
+        design: (n, t) [m/m]; sigma_m: (n,) [m].
+        bias_m: (f, n), faults under which the target is kept [m].
+        options: of the estimate; its limits are of no account.
+        target: probability of the event.
+        misleading: whether the event is misleading information, else an error beyond the level.
+        objective: ``vpl`` or ``alarms``, both fault-free.
+        vertical_m: vertical alert limit [m].
+        step: h, width of the logistic steps, in the logarithm of ratio and level.
+    """
+
+    design: FloatArray
+    sigma_m: FloatArray
+    bias_m: FloatArray
+    options: IrlsOptions
+    target: float
+    misleading: bool
+    objective: str
+    vertical_m: float
+    step: float
+
+    def draws(self, limits: FloatArray, noise: FloatArray | WeightedNoise, *, slopes: bool = False) -> Draws:
+        """Ratios and levels of whitened noise (N, n), or of weighted draws, with limits (k0, k1)."""
+        if isinstance(noise, WeightedNoise):
+            each = zip(self.bias_m, noise.noise, strict=True)
+            ratio = np.stack([self._logs(limits, bias, own, slopes)[:, 0] for bias, own in each], axis=1)
+            unit = self._logs(limits, np.zeros_like(self.sigma_m), noise.plain, slopes)[:, 1]
+            return Draws(ratio[0], unit[0], ratio[1:], unit[1:], noise.weight)
+        fault_free = np.flatnonzero(~self.bias_m.any(axis=1))
+        biases = self.bias_m if fault_free.size else np.concatenate([self.bias_m, np.zeros((1, len(self.sigma_m)))])
+        free = int(fault_free[0]) if fault_free.size else len(self.bias_m)
+        found = np.stack([self._logs(limits, bias, noise, slopes) for bias in biases], axis=2)
+        ratio, unit = found[:, 0, : len(self.bias_m)], found[:, 1, free]
+        return Draws(ratio[0], unit[0], ratio[1:], unit[1:])
+
+    def log_ratio(self, limits: FloatArray, fault: int, noise: FloatArray) -> FloatArray:
+        """(N,), logarithm of the ratio of whitened noise (N, n) under one of the faults."""
+        return self._logs(limits, self.bias_m[fault], noise, False)[0, 0]
+
+    def _logs(self, limits: FloatArray, bias_m: FloatArray, noise: FloatArray, slopes: bool) -> FloatArray:
+        """(1 or 3, 2, N): values and derivatives by k0 and k1, of ratio and level."""
+        found = np.empty((3 if slopes else 1, 2, len(noise)))
+        limits = np.asarray(limits, dtype=np.float64)
+        with precision_scope("float64"):
+            for begin in range(0, len(noise), _CALL):
+                some = noise[begin : begin + _CALL]
+                here = slice(begin, begin + len(some))
+                whole = np.zeros((_CALL, noise.shape[1]))
+                whole[: len(some)] = some
+                scenario = (
+                    self.design, self.sigma_m, bias_m, whole, np.float64(self.vertical_m),
+                    np.bool_(self.misleading),
+                )  # fmt: skip
+                if not slopes:
+                    values = _values(limits, scenario, options=self.options)
+                    found[0, :, here] = np.asarray(values)[:, : len(some)]
+                    continue
+                for j, direction in enumerate(np.eye(2)):
+                    part = np.asarray(_with_slope(limits, direction, scenario, options=self.options))
+                    found[[0, 1 + j], :, here] = part[:, :, : len(some)]
+        return found
+
+    def smooth(self, limits: FloatArray, noise: FloatArray | WeightedNoise) -> tuple[float, FloatArray, float]:
+        """Logarithm of the smoothed objective, its gradient (2,) by k0 and k1, and the multiplier."""
+        drawn = self.draws(limits, noise, slopes=True)
+        worst, log_k, steep = self._binding(drawn)
+        slope = (drawn.ratio_slopes[:, worst] * steep).sum(axis=1) / max(steep.sum(), 1e-300)
+        finite = np.isfinite(drawn.log_unit_m)
+        unit, by_limits = drawn.log_unit_m[finite], drawn.unit_slopes[:, finite]
+        if self.objective == VPL:
+            level = np.exp(unit - unit.max())
+            value = log_k + float(unit.max() + np.log(level.mean()))
+            return value, slope + (by_limits * level).sum(axis=1) / level.sum(), float(np.exp(log_k))
+        place = (log_k + unit - np.log(self.vertical_m)) / self.step
+        rate = (special.expit(place).sum() + (~finite).sum()) / finite.size
+        change = ((slope[:, None] + by_limits) * _steepness(place)).sum(axis=1) / self.step / finite.size
+        return float(np.log(max(rate, 1e-300))), change / max(rate, 1e-300), float(np.exp(log_k))
+
+    def effective(self, limits: FloatArray, noise: FloatArray | WeightedNoise) -> float:
+        """Effective number of draws behind the multiplier: (sum s)^2 / sum s^2 of its weighted steepness s."""
+        _, _, steep = self._binding(self.draws(limits, noise))
+        return float(steep.sum() ** 2 / max((steep**2).sum(), 1e-300))
+
+    def _binding(self, drawn: Draws) -> tuple[int, float, FloatArray]:
+        """The fault with the largest multiplier, its logarithm, and the weighted steepness of its draws (N,)."""
+        weights = [None] * len(drawn.log_ratio) if drawn.weight is None else list(drawn.weight)
+        roots = [self._log_multiplier(row, own) for row, own in zip(drawn.log_ratio, weights, strict=True)]
+        worst = int(np.argmax(roots))
+        log_k = roots[worst]
+        steep = _steepness((drawn.log_ratio[worst] - log_k) / self.step)
+        own = weights[worst]
+        # In units of the largest, lest a square be too small for a double.
+        return worst, log_k, steep if own is None else steep * (own / own.max())
+
+    def _log_multiplier(self, log_ratio: FloatArray, weight: FloatArray | None = None) -> float:
+        """Where the smoothed share of the draws is the target."""
+
+        def surplus(log_k: float) -> float:
+            above = special.expit((log_ratio - log_k) / self.step)
+            share = above.mean() if weight is None else (weight * above).sum()
+            return float(np.log(max(share, 1e-300) / self.target))
+
+        # At the target's own quantile half of a step is already above: some widths beyond lies the root.
+        if weight is None:
+            middle = float(np.quantile(log_ratio, 1.0 - self.target))
+        else:
+            middle = weighted_quantile(log_ratio, weight, self.target)
+        reach = self.step
+        while surplus(middle - reach) <= 0.0 and reach < 1e3:
+            reach *= 2.0
+        far = self.step
+        while surplus(middle + far) >= 0.0 and far < 1e3:
+            far *= 2.0
+        return float(optimize.brentq(surplus, middle - reach, middle + far, xtol=1e-12))
+
+
+def weighted_quantile(values: FloatArray, weight: FloatArray, target: float) -> float:
+    """The value that draws (N,) are above with this probability, by weights that add up to probabilities."""
+    order = np.argsort(-values, kind="stable")
+    place = int(np.searchsorted(np.cumsum(weight[order]), target))
+    return float(values[order[min(place, len(values) - 1)]])
+
+
+def cost(objective: str, k: float, log_unit_m: FloatArray, vertical_m: float) -> FloatArray:
+    """(N,), the objective of each draw as it is, not smoothed: its mean is what counts.
+
+    The level [m] where there is a solution, missing elsewhere; or whether it alarms.
+    """
+    level = k * np.exp(log_unit_m)
+    if objective == VPL:
+        return np.where(np.isfinite(level), level, np.nan)
+    return (level > vertical_m).astype(float)
+
+
+def _steepness(place: FloatArray) -> FloatArray:
+    """Derivative of the logistic step."""
+    return special.expit(place) * special.expit(-place)
+
+
+def _limited(k0: Array, k1: Array) -> Igg3Weight:
+    """IGG-III weights whose limits are traced; the record's own check takes numbers alone."""
+    weight = object.__new__(Igg3Weight)
+    object.__setattr__(weight, "k0", k0)
+    object.__setattr__(weight, "k1", k1)
+    return weight
+
+
+def _logs(
+    limits: Array,
+    scenario: Scenario,
+    options: IrlsOptions,
+) -> Array:
+    """(2, N), logarithms of the ratio and of the level for a multiplier of one."""
+    design, sigma_m, bias_m, noise, vertical_m, misleading = scenario
+    model = linear_model(design, sigma_m)
+    traced = replace(options, weight=_limited(limits[0], limits[1]))
+
+    def one_tile(tile: Array) -> Array:
+        start = start_from(model, tile.T * sigma_m[:, None] + bias_m[:, None])
+        estimate = irls(model, start, traced)
+        outcome = outcome_of(estimate, protection_levels(estimate, k_vertical=1.0))
+        ratio = ratio_of(outcome, vertical_m, misleading)
+        event = (ratio > 0) & jnp.isfinite(ratio)
+        level = outcome.available & (outcome.vpl_m > 0)
+        return jnp.stack(
+            [
+                jnp.where(event, jnp.log(jnp.where(event, ratio, 1.0)), jnp.where(ratio > 0, -NO_EVENT, NO_EVENT)),
+                jnp.where(
+                    level,
+                    jnp.log(jnp.where(level, outcome.vpl_m, 1.0)),
+                    jnp.where(outcome.available, NO_EVENT, jnp.inf),
+                ),
+            ]
+        )
+
+    found = jax.lax.map(one_tile, noise.reshape(-1, _TILE, noise.shape[1]))
+    return jnp.moveaxis(found, 1, 0).reshape(2, -1)
+
+
+@functools.partial(jax.jit, static_argnames=("options",))
+def _values(
+    limits: Array,
+    scenario: Scenario,
+    *,
+    options: IrlsOptions,
+) -> Array:
+    """(2, N), see `_logs`."""
+    return _logs(limits, scenario, options)
+
+
+@functools.partial(jax.jit, static_argnames=("options",))
+def _with_slope(
+    limits: Array,
+    direction: Array,
+    scenario: Scenario,
+    *,
+    options: IrlsOptions,
+) -> Array:
+    """(2, 2, N), the same with the derivative along a direction of (k0, k1)."""
+
+    def logs(limits: Array) -> Array:
+        return _logs(limits, scenario, options)
+
+    return jnp.stack(jax.jvp(logs, (limits,), (direction,)))

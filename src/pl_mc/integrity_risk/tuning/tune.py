@@ -1,0 +1,341 @@
+"""The limits k0, k1 of IGG-III that cost least at a given risk, found by gradients and judged on fresh noise.
+
+For every pair of limits the multiplier is the one that keeps the target, so that only the price is left to be made
+small: the mean protection level, or the share of alarms, without a fault. The search sees a smoothed price over
+noise that stays the same (`pl_mc.integrity_risk.tuning.objective`); it starts from the record's limits and from two
+pairs besides, since the price has more than one valley. What it finds is judged with noise of its own, without
+smoothing, beside where it started and beside the best of a plain grid over the noise of the search
+(`pl_mc.integrity_risk.tuning.judge`).
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import replace
+from typing import Any, Literal
+
+import numpy as np
+import pandas as pd
+from numpy.typing import NDArray
+from scipy import optimize
+
+from pl_mc.alert import LPV_200, AlertLimits
+from pl_mc.engine.checks import LARGEST_DRAWS, LARGEST_SEED, require_geometry_and_alert, require_inputs
+from pl_mc.faults import Faults, no_fault
+from pl_mc.geometry.record import Geometry
+from pl_mc.input_errors import InputError, require_choice, require_positive, require_whole
+from pl_mc.integrity_risk.k_factor.error_to_level_ratio import EVENTS, MISLEADING
+from pl_mc.integrity_risk.k_factor.order_statistics import fewest_draws
+from pl_mc.integrity_risk.rare.risk import FEWEST_EVALUATIONS
+from pl_mc.integrity_risk.tuning.draws import weighted_noise
+from pl_mc.integrity_risk.tuning.judge import (
+    SAMPLES,
+    Judged,
+    counted_limits,
+    estimated_limits,
+    multiplier,
+    price,
+    unknown_limits,
+)
+from pl_mc.integrity_risk.tuning.objective import OBJECTIVES, TuningProblem, WeightedNoise
+from pl_mc.integrity_risk.worst.ls_exact import require_single
+from pl_mc.methods import Igg3, Method, as_methods
+from pl_mc.statistics.least_squares import ls_quantities
+
+FloatArray = NDArray[np.float64]
+
+PARAMETERS = ("k0", "k1", "k_vertical")
+START, TUNED, GRID = "start", "tuned", "grid"
+
+# Where k0 and k1 - k0 may go, in the search and on the grid.
+_LOWEST, _HIGHEST = np.array([0.5, 0.5]), np.array([6.0, 20.0])
+# k0 and k1 from which the search starts besides those of the record.
+_STARTS = ((0.8, 10.0), (3.0, 6.0))
+# Events that the noise of the search has to have at the target, or its quantile says nothing.
+_FEWEST_EVENTS = 20
+# Weighted draws of the search, and fewer effective ones behind a multiplier of it than these say nothing.
+_WEIGHTED_DRAWS, _LEAST_EFFECTIVE = 16_384, 30.0
+
+
+def tune(
+    g: Geometry,
+    *,
+    method: str | Method = "igg3",
+    parameters: Sequence[str] = PARAMETERS,
+    target: float = 1e-4,
+    objective: Literal["vpl", "alarms"] = "vpl",
+    event: Literal["exceeded", "misleading"] = "misleading",
+    faults: Faults | None = None,
+    alert: AlertLimits = LPV_200,
+    draws: int = 400_000,
+    confidence: float = 0.95,
+    seed: int = 0,
+    steps: int = 30,
+    grid: int = 5,
+    smoothing: float = 0.05,
+    search_draws: int | None = None,
+    target_cov: float = 0.1,
+    max_evaluations: int = 10_000_000,
+) -> pd.DataFrame:
+    """Limits of IGG-III that make the price of a given risk small, beside the start and a plain grid.
+
+    Gaussian noise, double precision. A target of which ``draws`` have 20 events is counted, in the search and in
+    the judgement. A rarer one is searched for over weighted draws of importance sampling, and judged by the curve
+    of the risk against the multiplier, with its check, as in `pl_mc.calibrate`.
+
+    Args:
+        g: one epoch.
+        method: IGG-III by name or record; its limits are where the search starts, its other options stay.
+        parameters: what may change, of ``k0``, ``k1`` and ``k_vertical``. The multiplier follows from the target
+            whether it is named or not.
+        target: probability of the event per sample that is kept under each fault.
+        objective: ``vpl``, mean VPL_R [m] where there is a solution, or ``alarms``, share of alarms; fault-free.
+        event: ``misleading``, |vertical error| > VPL and no alarm, or ``exceeded``, alarm or not.
+        faults: the faults; the fault-free case unless given.
+        alert: alert limits; the vertical one decides on alarms.
+        draws: of the search, and of either fresh set, for each fault; of a rare target those that judge the price.
+        confidence: with which the multiplier keeps the target, and of the interval of the risk.
+        seed: chooses the noise, 0 to 2^32 - 1.
+        steps: most steps of the search (L-BFGS-B).
+        grid: values of each of k0 and k1 - k0 on the grid; 0 for no grid.
+        smoothing: width of the steps that take the place of jumps in the search, in the logarithm of the ratio.
+        search_draws: weighted draws of the search for each fault, and plain ones for the price; 16,384 for a rare
+            target unless given. Where given, a target that is counted is searched for in this way as well.
+        target_cov, max_evaluations: of the curves that judge a rare target, see `pl_mc.calibrate`.
+
+    Returns:
+        Rows ``start``, ``tuned`` and ``grid`` (column ``limits``) with ``k0, k1``; ``k_vertical``, the multiplier
+        that keeps the target with the confidence on fresh noise, and ``k_best, k_low``, the best value and one that
+        with the confidence does not; ``objective`` there and ``objective_error``, its standard error, the
+        multiplier's among it; ``change`` from the start and ``change_error``, of the same draws; ``found``
+        (``counting`` or ``rare events``); ``vpl_m``, mean level [m], and ``alarms`` of ``draws`` with ``alarm_rate,
+        alarm_low, alarm_high``, all fault-free at ``k_vertical``; ``risk, risk_low, risk_high``: share of the event
+        there in a third set of draws, under the fault with the largest (``risk_fault``), with its interval
+        (two-sided, for that fault alone), of a rare target the curve's; ``check_probability, check_low,
+        check_high``: of a rare target what importance sampling finds at that fault's best multiplier;
+        ``evaluations``, scenarios that finding the limits took, a derivative counted as another; ``warning``. Where
+        two estimates of a rare target disagree, or the weights of the search degenerate, there is a warning and no
+        number. ``table.attrs["method"]`` is the tuned record with its multiplier, or None without one.
+
+    Raises:
+        InputError: a series of epochs, an epoch without redundancy, a method that is not IGG-III, options outside
+            their range.
+    """
+    require_geometry_and_alert(g, alert)
+    require_single(g, "tuning")
+    faults = no_fault(g) if faults is None else faults
+    require_inputs(g, faults, alert)
+    require_choice(objective, OBJECTIVES, field="objective")
+    require_choice(event, EVENTS, field="event")
+    named = [parameters] if isinstance(parameters, str) else list(parameters)
+    for name in named:
+        require_choice(name, PARAMETERS, field="parameters")
+    for field, value in (("target", target), ("confidence", confidence)):
+        if not require_positive(value, field=field) < 1.0:
+            raise InputError(f"{field}: it lies between 0 and 1, both excluded, not {value!r}.")
+    require_positive(smoothing, field="smoothing")
+    draws = require_whole(draws, field="draws", low=1, high=LARGEST_DRAWS)
+    counts = draws >= max(int(np.ceil(_FEWEST_EVENTS / target)), fewest_draws(target, confidence))
+    if search_draws is not None:
+        search_draws = require_whole(search_draws, field="search_draws", low=1024, high=LARGEST_DRAWS)
+    require_positive(target_cov, field="target_cov")
+    max_evaluations = require_whole(max_evaluations, field="max_evaluations", low=FEWEST_EVALUATIONS)
+    seed = require_whole(seed, field="seed", low=0, high=LARGEST_SEED)
+    steps, grid = require_whole(steps, field="steps", low=1), require_whole(grid, field="grid", low=0)
+    (record,) = as_methods([method])
+    # A gate would change what counts as misleading, and the search knows none.
+    if type(record) is not Igg3:
+        raise InputError(f"method: IGG-III is tuned, by name or record, not {record.name}.")
+    if not bool(ls_quantities(g).available):
+        raise InputError("geometry: this epoch has no redundancy, and always alarms; nothing can be tuned there.")
+
+    problem = TuningProblem(
+        design=np.asarray(g.design),
+        sigma_m=np.asarray(g.sigma_m),
+        bias_m=np.asarray(faults.bias_m, dtype=float),
+        options=replace(record, k0=1.0, k1=2.0).options,
+        target=target,
+        misleading=event == MISLEADING,
+        objective=objective,
+        vertical_m=alert.vertical_m,
+        step=smoothing,
+    )
+    noises = [np.random.default_rng(s) for s in np.random.SeedSequence(seed).spawn(4)]
+    search, fresh, last = (rng.standard_normal((draws, len(g.names))) for rng in noises[:3])
+    start = np.array([record.k0, record.k1])
+    free = np.array(["k0" in named, "k1" in named])
+    note, looked = "", 0
+    if (counts and search_draws is None) or not free.any():
+        tuned, evaluations, note = _descend(problem, start, free, search, steps, (start, *map(np.array, _STARTS)))
+        seen: FloatArray | WeightedNoise = search
+        effective = np.inf
+    else:
+        tuned, evaluations, note, seen, effective = _descend_weighted(
+            problem, start, free, noises[0], steps, search_draws or _WEIGHTED_DRAWS
+        )
+    weights = np.stack([noises[3].poisson(1.0, draws).astype(np.uint8) for _ in range(SAMPLES)])
+
+    def judged(limits: FloatArray) -> Judged:
+        if counts:
+            return counted_limits(problem, limits, fresh, last, weights, faults, confidence)
+        return estimated_limits(
+            g, problem, limits, fresh, weights, faults, confidence, record=record, alert=alert, seed=seed,
+            target_cov=target_cov, max_evaluations=max_evaluations,
+        )  # fmt: skip
+
+    rows: list[tuple[str, FloatArray, Judged, int, str]] = [(START, start, judged(start), 0, "")]
+    if effective < _LEAST_EFFECTIVE:
+        doubt = f"the weighted draws of the search degenerate: {effective:.0f} effective ones are behind the risk"
+        rows.append((TUNED, tuned, unknown_limits(doubt), evaluations, note))
+    else:
+        same = bool((tuned == start).all())
+        rows.append((TUNED, tuned, rows[0][2] if same else judged(tuned), evaluations, note))
+    if grid:
+        best, looked = _best_of_grid(problem, start, free, seen, grid, confidence)
+        same = bool((best == start).all())
+        rows.append((GRID, best, rows[0][2] if same else judged(best), looked, ""))
+    table = pd.DataFrame([_row(*row, first=rows[0][2]) for row in rows])
+    k0, k1 = (float(value) for value in tuned)
+    k = float(table["k_vertical"].iloc[1])
+    table.attrs["method"] = replace(record, k0=k0, k1=k1, k_vertical=k) if k > 0 else None
+    return table
+
+
+def _row(
+    name: str, limits: FloatArray, judged: Judged, evaluations: int, note: str, *, first: Judged
+) -> dict[str, Any]:
+    change = judged.resampled - first.resampled
+    return {
+        "limits": name,
+        "k0": limits[0],
+        "k1": limits[1],
+        "k_vertical": judged.columns["k_vertical"],
+        "objective": judged.objective,
+        "objective_error": float(judged.resampled.std(ddof=1)),
+        "change": judged.objective - first.objective,
+        "change_error": float(change.std(ddof=1)),
+        **judged.columns,
+        "evaluations": evaluations,
+        "warning": "; ".join(filter(None, (note, judged.warning))),
+    }
+
+
+def _descend_weighted(
+    problem: TuningProblem,
+    start: FloatArray,
+    free: NDArray[np.bool_],
+    rng: np.random.Generator,
+    steps: int,
+    draws: int,
+) -> tuple[FloatArray, int, str, WeightedNoise, float]:
+    """The descent over weighted draws, once from every start and once more from where it ended.
+
+    Returns:
+        Limits, scenarios, a note, the last draws, and how many of them are effective behind the multiplier there.
+    """
+    low, high = _bounds(start, free)
+    others = [np.clip(_coordinates(np.array(first), free), low, high) for first in _STARTS]
+    starts = [start, *(_limits(place, start, free) for place in others)]
+    noise, proposals, spent = weighted_noise(problem, starts, rng, draws)
+    tuned, evaluations, _ = _descend(problem, start, free, noise, steps, starts)
+    # Where the search ended nothing was adapted yet.
+    noise, _, more = weighted_noise(problem, [tuned], rng, draws, proposals)
+    tuned, again, note = _descend(problem, start, free, noise, steps, [tuned])
+    effective = problem.effective(tuned, noise)
+    return tuned, spent + evaluations + more + again, note, noise, effective
+
+
+def _descend(
+    problem: TuningProblem,
+    start: FloatArray,
+    free: NDArray[np.bool_],
+    noise: FloatArray | WeightedNoise,
+    steps: int,
+    starts: Sequence[FloatArray],
+) -> tuple[FloatArray, int, str]:
+    """Limits at which the smoothed objective is least, of descents from ``starts``; what that cost, and a note."""
+    if not free.any():
+        return start, 0, ""
+    calls = 0
+
+    def value(coordinates: FloatArray) -> tuple[float, FloatArray]:
+        nonlocal calls
+        calls += 1
+        limits = _limits(coordinates, start, free)
+        price, slope, _ = problem.smooth(limits, noise)
+        return price, _chain(limits, slope, free)
+
+    low, high = _bounds(start, free)
+    runs = [
+        optimize.minimize(
+            value, np.clip(_coordinates(first, free), low, high), jac=True, method="L-BFGS-B",
+            bounds=list(zip(low, high, strict=True)), options={"maxiter": steps, "ftol": 1e-7},
+        )
+        for first in starts
+    ]  # fmt: skip
+    found = min(runs, key=lambda run: run.fun)
+    at_bound = bool((np.isclose(found.x, low) | np.isclose(found.x, high)).any())
+    notes = ["at a bound of the search"] if at_bound else []
+    notes += [] if found.success else ["the steps ran out"]
+    # Two derivatives, each with a value of its own, for every fault and the fault-free case.
+    return _limits(found.x, start, free), 4 * calls * _scenarios(problem, noise), "; ".join(notes)
+
+
+def _scenarios(problem: TuningProblem, noise: FloatArray | WeightedNoise) -> int:
+    """Scenarios behind one look at the objective."""
+    if isinstance(noise, WeightedNoise):
+        return len(noise.plain) + noise.weight.size
+    return (len(problem.bias_m) + int(problem.bias_m.any(axis=1).all())) * len(noise)
+
+
+def _best_of_grid(
+    problem: TuningProblem,
+    start: FloatArray,
+    free: NDArray[np.bool_],
+    noise: FloatArray | WeightedNoise,
+    grid: int,
+    confidence: float,
+) -> tuple[FloatArray, int]:
+    """The best limits of a grid, judged as they are on the noise of the search, and what that cost."""
+    if not free.any():
+        return start, 0
+    low, high = _bounds(start, free)
+    axes = [np.linspace(a, b, grid) for a, b in zip(low, high, strict=True)]
+    points = [
+        _limits(np.array(point), start, free) for point in np.stack(np.meshgrid(*axes), -1).reshape(-1, len(axes))
+    ]
+    prices: list[float] = []
+    for limits in points:
+        drawn = problem.draws(limits, noise)
+        prices.append(price(problem, multiplier(drawn, problem.target, confidence), drawn.log_unit_m))
+    return points[int(np.argmin(prices))], len(points) * _scenarios(problem, noise)
+
+
+def _coordinates(limits: FloatArray, free: NDArray[np.bool_]) -> FloatArray:
+    """Logarithms of what is free: k0, and k1 or its distance from a free k0."""
+    k0, k1 = limits
+    return np.log(np.array([k0, k1 - k0]))[free]
+
+
+def _limits(coordinates: FloatArray, start: FloatArray, free: NDArray[np.bool_]) -> FloatArray:
+    """k0 and k1 of coordinates; a k1 that is not free stays where it is."""
+    values = iter(np.exp(coordinates))
+    k0 = float(next(values)) if free[0] else float(start[0])
+    k1 = k0 + float(next(values)) if free[1] else float(start[1])
+    return np.array([k0, k1])
+
+
+def _chain(limits: FloatArray, slope: FloatArray, free: NDArray[np.bool_]) -> FloatArray:
+    """The gradient by the coordinates."""
+    k0, k1 = limits
+    by_k0 = k0 * (slope[0] + (slope[1] if free[1] else 0.0))
+    return np.array([by_k0, (k1 - k0) * slope[1]])[free]
+
+
+def _bounds(start: FloatArray, free: NDArray[np.bool_]) -> tuple[FloatArray, FloatArray]:
+    """Of the coordinates; k0 stays below a k1 that does not move."""
+    low, high = _LOWEST.copy(), _HIGHEST.copy()
+    if not free[1]:
+        high[0] = min(high[0], 0.95 * start[1])
+        low[0] = min(low[0], 0.5 * high[0])
+    return np.log(low)[free], np.log(high)[free]

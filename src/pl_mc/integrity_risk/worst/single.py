@@ -1,0 +1,177 @@
+"""The worst size of a fault on one satellite, for a method without exact probabilities, however rare the event.
+
+The search looks at curves of the probability against the size (`pl_mc.integrity_risk.worst.bias_curve`): a coarse
+one for each satellite, and for the worst satellites a finer one about the best size. The probability that is
+reported comes from neither but from a last estimate with noise of its own, so that choosing the largest does not
+bias it. A fault and its negative are equally bad: positive sizes alone are searched.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import Any
+
+import numpy as np
+import pandas as pd
+from numpy.typing import NDArray
+from scipy import stats
+
+from pl_mc.engine.checks import LARGEST_SEED
+from pl_mc.geometry.record import Geometry
+from pl_mc.integrity_risk.worst.bias_curve import (
+    LEAST_ESS,
+    SIZES_M,
+    Explored,
+    Region,
+    Shared,
+    SizeCurve,
+    coarse_curve,
+    explore,
+    finer_curve,
+)
+from pl_mc.integrity_risk.worst.search import (
+    GRID_M,
+    NO_ESTIMATE,
+    Estimator,
+    bias_columns,
+    estimates,
+    fault_columns,
+    heights,
+)
+from pl_mc.runtime.threads import cores, in_order
+
+FloatArray = NDArray[np.float64]
+
+# Sizes at which the finer curve is looked up.
+_LOOKS = 41
+_CHECKS, _COUNTS = ("subset_probability", "subset_standard_error"), ("evaluations", "subset_evaluations")
+
+EXPLORED, CURVES, REFINED = "explored", "curves", "refined"
+
+
+def single_table(
+    g: Geometry,
+    rows: Sequence[int],
+    region: Region,
+    estimate: Estimator,
+    *,
+    target_cov: float,
+    refine: int,
+    seed: int,
+) -> pd.DataFrame:
+    """One row per satellite; the columns are explained at `pl_mc.worst_case`.
+
+    Args:
+        g: one epoch with redundancy.
+        rows: which satellites.
+        region: the event.
+        estimate: of the last estimates.
+        target_cov, refine, seed: as for `pl_mc.worst_case`.
+    """
+    count = SIZES_M.size
+    traces = np.concatenate([SIZES_M[:, None] * region.traces[row] for row in rows])
+
+    def source(stage: int, place: int) -> np.random.Generator:
+        return np.random.default_rng((seed, int(g.epoch), stage, place))
+
+    def population(place: int) -> Explored:
+        return explore(region, traces[place], source(1, place))
+
+    def coarse(j: int) -> SizeCurve:
+        return coarse_curve(
+            region, found[j * count : (j + 1) * count], shared, region.traces[rows[j]], source(2, j)
+        )
+
+    def finer(j: int) -> SizeCurve:
+        return finer_curve(region, curves[j], *_bracket(size[j]), source(3, j))
+
+    found = [one for _, one in in_order(population, range(len(traces)), cores())]
+    shared = Shared.of(found, traces)
+    curves = [one for _, one in in_order(coarse, range(len(rows)), cores(), compiled=True)]
+    table, size = _searched(curves, found)
+    chosen = np.argsort(-heights(table), kind="stable")[:refine]
+    chosen = chosen[table["probability"].to_numpy()[chosen] > 0]
+    second = [one for _, one in in_order(finer, [int(j) for j in chosen], cores(), compiled=True)]
+    for j, curve in zip(chosen, second, strict=True):
+        sizes = np.linspace(*_bracket(size[j]), _LOOKS)
+        values = np.nan_to_num(curve.known(sizes), nan=-1.0)
+        size[j] = sizes[values.argmax()] if values.max() > 0 else size[j]
+    bias = _on(g, rows, size)
+    spent = {
+        EXPLORED: sum(one.evaluations for one in found),
+        CURVES: sum(one.evaluations for one in (*curves, *second)),
+        REFINED: 0,
+    }
+    if chosen.size:
+        # Another seed: the largest of many estimates is too large on average, a fresh one is not.
+        last_seed = (seed + 1) % (LARGEST_SEED + 1)
+        last = estimates(g, bias[chosen], estimate, target_cov, last_seed, also=(*_CHECKS, *_COUNTS))
+        spent[REFINED] = sum(int(last.pop(column).sum()) for column in _COUNTS)
+        doubts = table["warning"].to_numpy()[chosen]
+        last["warning"] = ["; ".join(filter(None, pair)) for pair in zip(last["warning"], doubts, strict=True)]
+        for column in last:
+            table.loc[chosen, column] = last[column].to_numpy()
+    groups = [(row,) for row in rows]
+    whole = pd.DataFrame(
+        {
+            **fault_columns(g, groups, bias),
+            **{name: table[name] for name in ("probability", "standard_error", "low", "high", *_CHECKS)},
+            **bias_columns(groups, _on(g, rows, table["grid_m"].to_numpy()), "grid_"),
+            "grid_probability": table["grid_probability"],
+            "refined": np.isin(np.arange(len(rows)), chosen),
+            "warning": table["warning"],
+        }
+    )
+    whole.attrs["evaluations"] = spent
+    return whole
+
+
+def _searched(curves: Sequence[SizeCurve], found: Sequence[Explored]) -> tuple[pd.DataFrame, FloatArray]:
+    """What the coarse curves say of each satellite, and its best size (satellites,) [m]."""
+    looked = np.union1d(SIZES_M, GRID_M)
+    on_grid = np.isin(looked, GRID_M)
+    rows: list[dict[str, Any]] = []
+    sizes: list[float] = []
+    for j, curve in enumerate(curves):
+        value, error, ess = curve.at(SIZES_M)
+        known = np.where(ess >= LEAST_ESS, value, -1.0)
+        best = int(known.argmax())
+        if known[best] <= 0:
+            sizes.append(np.nan)
+            rows.append(dict.fromkeys(("probability", "standard_error"), np.nan) | {"low": 0.0, "high": 1.0})
+            rows[-1] |= {"grid_m": np.nan, "grid_probability": np.nan, "warning": NO_ESTIMATE}
+            continue
+        cov = error[best] / value[best]
+        reach = np.exp(min(float(stats.t.ppf(0.975, ess[best] - 1.0)) * cov, 700.0))
+        grid = np.where(on_grid, np.nan_to_num(curve.known(looked), nan=-1.0), -1.0)
+        top = int(grid.argmax())
+        open_m = curve.open_sizes(found[j * SIZES_M.size : (j + 1) * SIZES_M.size])
+        doubt = f"the search cannot tell whether it is worse at {', '.join(f'{one:g}' for one in open_m)} m"
+        sizes.append(SIZES_M[best])
+        rows.append(
+            {
+                "probability": value[best],
+                "standard_error": error[best],
+                "low": value[best] / reach,
+                "high": min(value[best] * reach, 1.0),
+                "grid_m": looked[top] if grid[top] > 0 else np.nan,
+                "grid_probability": grid[top] if grid[top] > 0 else np.nan,
+                "warning": doubt if open_m.size else "",
+            }
+        )
+    table = pd.DataFrame(rows)
+    table[list(_CHECKS)] = np.nan
+    return table, np.array(sizes)
+
+
+def _on(g: Geometry, rows: Sequence[int], sizes_m: FloatArray) -> FloatArray:
+    """(satellites, n), each size on its satellite [m]."""
+    bias = np.zeros((len(rows), len(g.names)))
+    bias[np.arange(len(rows)), list(rows)] = sizes_m
+    return bias
+
+
+def _bracket(size_m: float) -> tuple[float, float]:
+    """The neighbours of a size of the grid."""
+    k = int(np.argmin(np.abs(SIZES_M - size_m)))
+    return float(SIZES_M[max(k - 1, 0)]), float(SIZES_M[min(k + 1, SIZES_M.size - 1)])

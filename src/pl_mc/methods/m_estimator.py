@@ -1,0 +1,85 @@
+"""What the M-estimates have in common: everything but the weight function.
+
+Their protection levels are those of Zhao et al. 2021, eqs 17-19, with the weight function w of the method in the
+place of IGG-III's. With P_bar = P diag(w) of the last solution, V its residuals and m_R^2 = V' P_bar V / (n - t),
+the variance of the position is taken as m_R^2 (A' P_bar A)^-1:
+
+    VPL_R = K_V m_R sqrt(((A' P_bar A)^-1)_UU),   HPL_R = K_H m_R sqrt(((A' P_bar A)^-1)_EE + (...)_NN).
+
+That is the variance of a weighted least-squares solution whose weights were known before; it is not the asymptotic
+variance of an M-estimate (Huber 1981, section 7.6).
+"""
+
+from __future__ import annotations
+
+from abc import ABC, abstractmethod
+from dataclasses import dataclass
+from typing import ClassVar
+
+from pl_mc.constants import K_HORIZONTAL, K_VERTICAL
+from pl_mc.input_errors import require_positive
+from pl_mc.kernels import IrlsOptions, LeastSquaresSolution, LinearModel, WeightFunction, irls, protection_levels
+from pl_mc.methods.base import Outcome, name_with_options, outcome_of
+
+
+@dataclass(frozen=True)
+class MEstimator(ABC):
+    """An M-estimate by reweighting; the options are explained at `pl_mc.kernels.IrlsOptions`.
+
+    Attributes:
+        iterations: reweighted solutions after the least-squares one.
+        scale: scale of the residuals: ``posterior_floored``, ``apriori``, ``posterior``, ``mad`` or
+            ``mad_floored``.
+        cofactor: N of the residuals' standard deviations: ``fault_free``, ``reweighted`` or ``none``.
+        redundancy: divisor of the unit-weight error: ``all``, ``kept`` or ``weights``.
+        start: first solution: ``ls``, or ``huber`` for five solutions with Huber's weights.
+        weight_floor: smallest weight factor; above zero no satellite is thrown out.
+        k_horizontal, k_vertical: multipliers of the protection levels.
+    """
+
+    iterations: int = 10
+    scale: str = "posterior_floored"
+    cofactor: str = "fault_free"
+    redundancy: str = "all"
+    start: str = "ls"
+    weight_floor: float = 0.0
+    k_horizontal: float = K_HORIZONTAL
+    k_vertical: float = K_VERTICAL
+
+    key: ClassVar[str] = ""
+
+    def __post_init__(self) -> None:
+        for field in ("k_horizontal", "k_vertical"):
+            require_positive(getattr(self, field), field=f"{self.key}: {field}")
+        # The kernel's own records check the other values, here and not at the first trace.
+        _ = self.options
+
+    @property
+    @abstractmethod
+    def weight(self) -> WeightFunction:
+        """The weight function, a hashable record."""
+
+    @property
+    def name(self) -> str:
+        return name_with_options(self.key, self, type(self)())
+
+    @property
+    def options(self) -> IrlsOptions:
+        """The kernel's view of these options."""
+        return IrlsOptions(
+            weight=self.weight,
+            iterations=self.iterations,
+            scale=self.scale,
+            cofactor=self.cofactor,
+            redundancy=self.redundancy,
+            start=self.start,
+            weight_floor=self.weight_floor,
+        )
+
+    def prepare(self, model: LinearModel) -> tuple[()]:
+        return ()
+
+    def solve(self, model: LinearModel, prepared: tuple[()], start: LeastSquaresSolution) -> Outcome:
+        estimate = irls(model, start, self.options)
+        levels = protection_levels(estimate, k_horizontal=self.k_horizontal, k_vertical=self.k_vertical)
+        return outcome_of(estimate, levels)

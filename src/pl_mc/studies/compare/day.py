@@ -1,0 +1,177 @@
+"""Further geometries for a comparison of methods: the strongest, median, weakest of a series, and a sample of it.
+
+The question is whether an order of methods that one epoch shows holds over a day. At every epoch that satellite is
+faulted whose bias moves least squares most in the vertical there, so that geometries are compared under the fault
+that matters most in each.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+from collections.abc import Iterable, Iterator
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+from pydantic import Field
+from scipy import special
+
+from pl_mc.faults import Faults, no_fault, ramps
+from pl_mc.geometry import Geometry
+from pl_mc.input_errors import InputError
+from pl_mc.methods import Method, WTest
+from pl_mc.methods.w_test import LOCAL
+from pl_mc.statistics.least_squares import ls_quantities
+from pl_mc.studies.spec import Strict
+
+FloatArray = NDArray[np.float64]
+
+# The sample's name, and that of the satellite that is faulted in it, another one at every epoch.
+DAY, WORST = "day", "worst"
+
+# Fault-free draws behind the significance of a w-test, in all, and how many are drawn at a time.
+_CALIBRATION, _AT_ONCE = 1_000_000, 50_000
+
+
+class DayChoice(Strict):
+    """Further geometries of the series: its strongest, median and weakest epoch, and epochs in equal steps.
+
+    Attributes:
+        every: step from one sampled epoch to the next.
+        draws: noise draws for each fault at each sampled epoch.
+        equal_draws: the same for the tests at one false-alarm rate.
+    """
+
+    every: int = Field(default=60, ge=1)
+    draws: int = Field(default=2_000, ge=1)
+    equal_draws: int = Field(default=5_000, ge=1)
+
+
+@dataclass(frozen=True)
+class FurtherGeometry:
+    """A series of one epoch, or of a sample, with the satellite that is faulted.
+
+    Attributes:
+        name: ``strongest``, ``median``, ``weakest`` or ``day``.
+        g: the epoch; or the sample, where at each epoch the faulted satellite has the name `WORST`.
+        satellite: the faulted satellite's name in ``g``.
+        true_names: that satellite's own name at each epoch.
+    """
+
+    name: str
+    g: Geometry
+    satellite: str
+    true_names: tuple[str, ...]
+
+    def faults(self, start_m: float, stop_m: float, step_m: float) -> Faults:
+        """The fault-free case, and a ramp on the satellite."""
+        made = ramps(self.g, satellites=[self.satellite], start_m=start_m, stop_m=stop_m, step_m=step_m)
+        return no_fault(self.g) + made
+
+
+def further_geometries(series: Geometry, every: int) -> tuple[FurtherGeometry, ...]:
+    """The strongest, median and weakest epoch by the VDOP of least squares, and the epochs in steps of ``every``.
+
+    Only epochs with redundancy count; of two in the middle the stronger is the median.
+
+    Raises:
+        InputError: no epoch has redundancy, or the sample holds one without.
+    """
+    quantities = ls_quantities(series)
+    sound = np.flatnonzero(quantities.available)
+    if not series.is_series or sound.size < 3:
+        raise InputError("day: at least three epochs with redundant satellites are needed; take a longer series.")
+    order = sound[np.argsort(quantities.vdop_m[sound], kind="stable")]
+    places = (("strongest", 0), ("median", (len(order) - 1) // 2), ("weakest", -1))
+    picked = {name: int(order[k]) for name, k in places}
+    rows = np.argmax(np.where(series.in_view, np.abs(np.nan_to_num(quantities.gain)), -1.0), axis=1)
+    names = [series.names[series.satellite[k, rows[k]]] for k in range(len(series))]
+    # As series of one epoch they have the same number of rows, so that one compiled function serves all.
+    made = [FurtherGeometry(name, series[k : k + 1], names[k], (names[k],)) for name, k in picked.items()]
+    sampled = np.intersect1d(np.arange(0, len(series), every), sound)
+    if not sampled.size:
+        raise InputError(f"day.every: no epoch with redundant satellites is in the sample; nearest: {every // 2}.")
+    # The faulted satellite gets a name of its own, so that one ramp is a fault of every epoch.
+    satellite = series.satellite[sampled].copy()
+    satellite[np.arange(len(sampled)), rows[sampled]] = len(series.names)
+    day = dataclasses.replace(
+        series,
+        design=series.design[sampled],
+        sigma_m=series.sigma_m[sampled],
+        in_view=series.in_view[sampled],
+        satellite=satellite,
+        epoch=series.epoch[sampled],
+        time_gps_s=series.time_gps_s[sampled],
+        names=(*series.names, WORST),
+        systems=(*series.systems, series.systems[0]),
+    )
+    return (*made, FurtherGeometry(DAY, day, WORST, tuple(names[k] for k in sampled)))
+
+
+def describe(name: str, g: Geometry, satellites: Iterable[str]) -> dict[str, object]:
+    """A row about a geometry: epochs, satellites, redundancy, VDOP (smallest to largest of a sample)."""
+    quantities, series = ls_quantities(g), g.as_series()
+    chosen = list(satellites)
+    return {
+        "geometry": name,
+        "epochs": len(series),
+        "epoch": int(series.epoch[0]) if len(series) == 1 else -1,
+        "satellites_min": int(series.in_view.sum(axis=1).min()),
+        "satellites_max": int(series.in_view.sum(axis=1).max()),
+        "redundant_min": int(np.min(quantities.dof)),
+        "redundant_max": int(np.max(quantities.dof)),
+        "vdop_min_m": float(np.min(quantities.vdop_m)),
+        "vdop_max_m": float(np.max(quantities.vdop_m)),
+        "faulted": " ".join(dict.fromkeys(chosen)),
+    }
+
+
+def comparable_elsewhere(records: Iterable[Method], p_fa: float, g: Geometry, seed: int) -> tuple[Method, ...]:
+    """The tests that keep the false-alarm rate in another geometry.
+
+    Those whose p_fa is the rate itself have an exact threshold everywhere. A w-test without exclusions gets the
+    significance at which the largest of its satellites' |w| keeps the rate there. Tests with a setting of their
+    own, which is one geometry's, are left out.
+
+    Args:
+        records: the tests.
+        p_fa: the rate.
+        g: one epoch, or a sample over whose epochs the rate is kept together.
+        seed: of the fault-free draws behind that significance; they are other ones than the sweep's.
+    """
+    found: list[Method] = []
+    for one in records:
+        if isinstance(one, WTest):
+            if one.exclusions == 0 and one.final == LOCAL:
+                found.append(dataclasses.replace(one, alpha=significance_of_largest(g, p_fa, seed)))
+        elif getattr(one, "p_fa", None) == p_fa:
+            found.append(one)
+    return tuple(found)
+
+
+def significance_of_largest(g: Geometry, p_fa: float, seed: int) -> float:
+    """The significance of one satellite's w-test at which the largest |w| is beyond its quantile with ``p_fa``.
+
+    From about a million fault-free draws in all: the relative standard error of the rate is 1 / sqrt(1e6 p_fa).
+    """
+    series = g.as_series()
+    basis = ls_quantities(series).basis
+    each = -(-_CALIBRATION // len(series))
+    rng = np.random.default_rng([seed, 1])
+    largest = [one for k in range(len(series)) for one in _largest_w(basis[k], series.in_view[k], each, rng)]
+    quantile = float(np.quantile(np.concatenate(largest), 1.0 - p_fa))
+    return float(2.0 * special.ndtr(-quantile))
+
+
+def _largest_w(
+    basis: FloatArray, seen: NDArray[np.bool_], draws: int, rng: np.random.Generator
+) -> Iterator[FloatArray]:
+    """Largest |e_i| / sqrt(r_i) of whitened residuals e, draw by draw."""
+    basis = basis[seen]
+    redundancy = 1.0 - (basis**2).sum(axis=1)
+    # A satellite that is not checked by others has no test.
+    inverse = np.where(redundancy > 1e-9, 1.0 / np.sqrt(np.maximum(redundancy, 1e-9)), 0.0)
+    for first in range(0, draws, _AT_ONCE):
+        noise = rng.standard_normal((min(_AT_ONCE, draws - first), len(basis)))
+        residuals = noise - (noise @ basis) @ basis.T
+        yield np.abs(residuals * inverse).max(axis=1)
