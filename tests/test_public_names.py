@@ -2,8 +2,13 @@
 
 from __future__ import annotations
 
+import importlib.metadata
+import pkgutil
+import re
 import subprocess
 import sys
+from pathlib import Path
+from types import ModuleType
 
 import pytest
 
@@ -16,8 +21,27 @@ def test_every_public_name_is_found(name: str) -> None:
     assert name in dir(pl_mc)
 
 
-def test_the_list_of_names_and_the_lazy_table_agree() -> None:
-    assert set(pl_mc.__all__) == {*pl_mc._PUBLIC, "__version__"}
+def test_the_reference_describes_every_public_name() -> None:
+    pages = Path(__file__).parents[1].joinpath("docs", "reference").glob("*.md")
+    paths = re.findall(r"^\.\. auto\w+:: (pl_mc(?:\.\w+)+)", "\n".join(map(_text, pages)), re.MULTILINE)
+    described = [(path, pkgutil.resolve_name(path)) for path in paths]
+    for name in set(pl_mc.__all__) - {"__version__"}:
+        value = getattr(pl_mc, name)
+        if isinstance(value, ModuleType):
+            # A room is described by what is in it.
+            assert any(path.startswith((f"pl_mc.{name}.", f"{value.__name__}.")) for path, _ in described), name
+        else:
+            assert any(value is thing for _, thing in described), name
+
+
+def test_the_version_is_said_once() -> None:
+    assert pl_mc.__version__ == importlib.metadata.version("pl_mc")
+    citation = Path(__file__).parents[1].joinpath("CITATION.cff")
+    assert f"version: {pl_mc.__version__}\n" in _text(citation)
+
+
+def _text(path: Path) -> str:
+    return path.read_text(encoding="utf-8")
 
 
 def test_an_unknown_name_is_an_attribute_error() -> None:

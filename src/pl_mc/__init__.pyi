@@ -1,0 +1,41 @@
+# The public names, once: editors and type checkers read this file, and so does `pl_mc` itself.
+from pl_mc import araim as araim
+from pl_mc import kernels as kernels
+from pl_mc import methods as methods
+from pl_mc import noise_models as noise_models
+from pl_mc.alert import APV_I as APV_I
+from pl_mc.alert import APV_II as APV_II
+from pl_mc.alert import LPV_200 as LPV_200
+from pl_mc.alert import AlertLimits as AlertLimits
+from pl_mc.engine import detect as detect
+from pl_mc.engine import sample as sample
+from pl_mc.engine import solve as solve
+from pl_mc.engine import sweep as sweep
+from pl_mc.error_models import error_model as error_model
+from pl_mc.faults import Faults as Faults
+from pl_mc.faults import biases as biases
+from pl_mc.faults import no_fault as no_fault
+from pl_mc.faults import ramp as ramp
+from pl_mc.faults import ramps as ramps
+from pl_mc.geometry import Geometry as Geometry
+from pl_mc.geometry import simulate as simulate
+from pl_mc.input_errors import InputError as InputError
+from pl_mc.integrity_risk.budget.budget import risk_budget as risk_budget
+from pl_mc.integrity_risk.k_factor.calibrate import calibrate as calibrate
+from pl_mc.integrity_risk.rare.exposure import exposure as exposure
+from pl_mc.integrity_risk.rare.risk import risk as risk
+from pl_mc.integrity_risk.tuning.tune import tune as tune
+from pl_mc.integrity_risk.worst.worst_case import worst_case as worst_case
+from pl_mc.methods import Igg3 as igg3
+from pl_mc.methods import Ls as ls
+from pl_mc.noise_models import GaussianMixture as gaussian_mixture
+from pl_mc.noise_models import Multipath as multipath
+from pl_mc.noise_models import NominalBias as nominal_bias
+from pl_mc.noise_models import StudentT as student_t
+from pl_mc.noise_models import noise_model as noise_model
+from pl_mc.service.volume import service_volume as service_volume
+from pl_mc.statistics import exact as exact
+from pl_mc.statistics import reliability as reliability
+from pl_mc.time_ramps import time_to_alert as time_to_alert
+
+__version__: str
