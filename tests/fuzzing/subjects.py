@@ -99,7 +99,7 @@ def _evaluate_here(
     for path, text in zip(paths, (observations, navigation), strict=True):
         path.write_text(text, encoding="latin-1", newline="\n")
     try:
-        return rtklib_worker.evaluate(pyrtklib, *map(str, paths), "".join(systems))
+        return rtklib_worker.evaluate(pyrtklib, *map(str, paths), dict.fromkeys(systems, 7200.0))
     except Exception as error:
         raise InputError(
             f"{observation_path} and {navigation_path}: RTKLIB cannot evaluate them ({error})."

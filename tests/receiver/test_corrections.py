@@ -10,11 +10,11 @@ from receiver_files import ALPHA, BETA, WEEK, C, rtk_array
 from pl_mc.constants import SPEED_OF_LIGHT_M_S
 from pl_mc.receiver import rtklib_worker
 from pl_mc.receiver.corrections import (
-    ionosphere_frequency_factor,
     klobuchar_delay_m,
     line_of_sight,
     troposphere_delay_m,
 )
+from pl_mc.receiver.signals import signal_of
 
 SKIES = np.random.default_rng(7).uniform(
     [0.0, -np.pi / 2, -np.pi, 0.0, np.radians(3.0), -50.0],
@@ -53,8 +53,8 @@ def test_klobuchar_at_night_is_five_nanoseconds_times_the_obliquity() -> None:
 
 
 def test_the_ionosphere_scales_with_the_square_of_the_frequency() -> None:
-    assert ionosphere_frequency_factor("G") == 1.0
-    assert ionosphere_frequency_factor("C") == pytest.approx((1575.42 / 1561.098) ** 2, rel=1e-14)
+    assert signal_of("G").ionosphere_factor == 1.0
+    assert signal_of("C").ionosphere_factor == pytest.approx((1575.42 / 1561.098) ** 2, rel=1e-14)
 
 
 def test_saastamoinen_is_rtklibs() -> None:

@@ -8,7 +8,7 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from pl_mc.constants import EARTH_ROTATION_RAD_S, FREQUENCY_B1I_HZ, FREQUENCY_L1_HZ, SPEED_OF_LIGHT_M_S
+from pl_mc.constants import EARTH_ROTATION_RAD_S, SPEED_OF_LIGHT_M_S
 
 # Saastamoinen (1972) with the standard atmosphere: sea level, 15 degrees Celsius, lapse 6.5 K/km.
 SEA_LEVEL_PRESSURE_HPA = 1013.25
@@ -20,15 +20,6 @@ RELATIVE_HUMIDITY = 0.7
 TROPOSPHERE_FLOOR_M, TROPOSPHERE_CEILING_M = -100.0, 1e4
 
 SECONDS_PER_DAY = 86_400.0
-
-
-def ionosphere_frequency_factor(system: str) -> float:
-    """Ionospheric delay on the frequency of a system over that on GPS L1: 1 for G, (f_L1 / f_B1I)^2 for C.
-
-    The delay of a code is inverse to the square of the carrier frequency (IS-GPS-200, 20.3.3.3.3.3).
-    """
-    frequency_hz = {"G": FREQUENCY_L1_HZ, "C": FREQUENCY_B1I_HZ}[system]
-    return (FREQUENCY_L1_HZ / frequency_hz) ** 2
 
 
 def klobuchar_delay_m(

@@ -16,9 +16,8 @@ from datetime import datetime
 from pl_mc.geometry.gps_time import GPS_EPOCH
 from pl_mc.geometry.record import SYSTEM_NAMES
 from pl_mc.input_errors import InputError
-from pl_mc.receiver.rinex_text import HIGHEST_NUMBER, RinexText, require_gps_alone
-
-_MESSAGES: Mapping[str, tuple[str, ...]] = {"G": ("LNAV",), "C": ("D1", "D2")}
+from pl_mc.receiver.rinex_text import RinexText, require_gps_alone
+from pl_mc.receiver.signals import SYSTEMS
 
 _EPOCH_3 = re.compile(r"([A-Z])([ \d]\d) (\d{4}) ([ \d]\d) ([ \d]\d) ([ \d]\d) ([ \d]\d) ([ \d]\d)", re.ASCII)
 _EPOCH_2 = re.compile(r"([ \d]\d) ([ \d]\d) ([ \d]\d) ([ \d]\d) ([ \d]\d) ([ \d]\d) ([ \d]\d)\.0", re.ASCII)
@@ -72,7 +71,6 @@ _RANGES: Mapping[tuple[int, int], tuple[float, float]] = {
 
 # Health is a whole number: six bits of GPS, one of BeiDou.
 _HEALTH = (6, 1)
-_LARGEST_HEALTH: Mapping[str, int] = {"G": 63, "C": 1}
 
 # Row and column of the numbers that are compared with the date: time of ephemeris [s of week] and week.
 _TOE, _WEEK = (3, 0), (5, 2)
@@ -142,8 +140,9 @@ def _records_4(file: RinexText, systems: Sequence[str]) -> tuple[list[_Record], 
         if head[1] != "EPH":
             continue
         letter, message = head[2][0], head[3]
-        found[letter if message in _MESSAGES.get(letter, (message,)) else f"{letter} {message}"] = None
-        if letter not in systems or message not in _MESSAGES[letter]:
+        read = letter not in SYSTEMS or message in SYSTEMS[letter].messages
+        found[letter if read else f"{letter} {message}"] = None
+        if letter not in systems or not read:
             continue
         if file.body[start + 1 : start + 2] and file.body[start + 1][:3] != head[2]:
             raise InputError(f"{file.where(start + 1)}: the record of {head[2]} begins with another name.")
@@ -206,7 +205,7 @@ def _checked(file: RinexText, start: int, lines: Sequence[str], letter: str, *, 
     if match is None or match[1] != letter:
         raise InputError(f"{where}: this is no start of a navigation record.")
     name = f"{letter}{int(match[2]):02d}"
-    if not 1 <= int(match[2]) <= HIGHEST_NUMBER[letter]:
+    if not 1 <= int(match[2]) <= SYSTEMS[letter].highest_number:
         raise InputError(f"{where}: {match[1] + match[2]!r} is no satellite that exists.")
     if len(lines) != _LINES:
         ending = "; the file is cut short." if last and len(lines) < _LINES else "."
@@ -227,10 +226,10 @@ def _checked(file: RinexText, start: int, lines: Sequence[str], letter: str, *, 
                 f"{SYSTEM_NAMES[letter]} can say more than {low:g} to {high:g} there."
             )
     health = numbers[_HEALTH[0]][_HEALTH[1]]
-    if health not in range(_LARGEST_HEALTH[letter] + 1):
+    if health not in range(SYSTEMS[letter].largest_health + 1):
         raise InputError(
             f"{file.where(start + _HEALTH[0])}: the health of {name} is {health:g}, and a whole number from 0 to "
-            f"{_LARGEST_HEALTH[letter]} is needed."
+            f"{SYSTEMS[letter].largest_health} is needed."
         )
     try:
         date = datetime(*(int(part) for part in match.groups()[2:]))  # type: ignore[arg-type]

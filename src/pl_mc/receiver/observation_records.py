@@ -14,13 +14,11 @@ from dataclasses import dataclass
 from datetime import datetime, timedelta
 
 from pl_mc.input_errors import InputError
-from pl_mc.receiver.rinex_text import HIGHEST_NUMBER, PSEUDORANGE_CODES, RinexText, observed_codes
+from pl_mc.receiver.rinex_text import RinexText, observed_codes
+from pl_mc.receiver.signals import SYSTEMS, signal_of
 
 # What the library is told that a value is, whatever it was called in the file.
 _LIBRARY_CODES: Mapping[str, str] = {"G": "C1C", "C": "C2I"}
-
-# The C/A code, or the P code where a file has no other; both are on L1 and share the group delay of the broadcast.
-_CODES_2 = ("C1", "P1")
 
 _EPOCH_3 = re.compile(
     r"> (\d{4}) ([ \d]\d) ([ \d]\d) ([ \d]\d) ([ \d]\d)((?:  \d| \d\d|\d{3})\.\d{7})  \d[ \d]{3}", re.ASCII
@@ -89,8 +87,8 @@ def _epochs_3(file: RinexText, systems: Sequence[str]) -> Iterator[_Epoch]:
     first_column = {
         letter: 3 + _VALUE_AND_FLAGS_WIDTH * codes[letter].index(code)
         for letter in systems
-        for code in PSEUDORANGE_CODES[letter]
-        if code == next(one for one in PSEUDORANGE_CODES[letter] if one in codes[letter])
+        for code in signal_of(letter).codes
+        if code == next(first for first in signal_of(letter).codes if first in codes[letter])
     }
     _refuse_scale_factors(file, systems)
     due, opened = 0, 0
@@ -136,7 +134,7 @@ def _epochs_3(file: RinexText, systems: Sequence[str]) -> Iterator[_Epoch]:
 
 def _epochs_2(file: RinexText) -> Iterator[_Epoch]:
     types = _types_2(file)
-    code = next((one for one in _CODES_2 if one in types), None)
+    code = next((code for code in signal_of("G").codes_2 if code in types), None)
     if code is None:
         raise InputError(f"{file.path}: it has no C1 or P1 pseudoranges; it has {', '.join(types)}.")
     row, column = divmod(types.index(code), _VALUES_ON_A_LINE_2)
@@ -246,7 +244,7 @@ def _checked_name(text: str, form: re.Pattern[str], where: str, own_letter: str 
         raise InputError(f"{where}: {text!r} is no satellite's name.")
     letter = own_letter if text[0] == " " else text[0]
     number = int(text[1:])
-    if not 1 <= number <= HIGHEST_NUMBER.get(letter, 99):
+    if not 1 <= number <= (SYSTEMS[letter].highest_number if letter in SYSTEMS else 99):
         raise InputError(f"{where}: {text!r} is no satellite that exists.")
     return f"{letter}{number:02d}"
 

@@ -14,12 +14,12 @@ from pl_mc.geometry.frames import enu_rotation, geodetic
 from pl_mc.geometry.record import EAST, NORTH, SYSTEM_NAMES, UP, Geometry
 from pl_mc.input_errors import InputError
 from pl_mc.receiver.corrections import (
-    ionosphere_frequency_factor,
     klobuchar_delay_m,
     line_of_sight,
     troposphere_delay_m,
 )
 from pl_mc.receiver.rinex import SYSTEMS, ReceiverData, gps_date, read_rinex
+from pl_mc.receiver.signals import signal_of
 from pl_mc.receiver.truth import Truth
 
 DEFAULT_MASK_DEG = 10.0
@@ -164,7 +164,7 @@ def _atmosphere_m(
         alpha=data.klobuchar_alpha,
         beta=data.klobuchar_beta,
     )
-    factor = np.array([ionosphere_frequency_factor(letter) for letter in data.systems])[column]
+    factor = np.array([signal_of(letter).ionosphere_factor for letter in data.systems])[column]
     troposphere_m = troposphere_delay_m(
         latitude_rad=sky.latitude_rad, height_m=height_m, elevation_rad=sky.elevation_rad
     )

@@ -21,10 +21,12 @@ from pl_mc.input_errors import InputError
 from pl_mc.receiver import rtklib_worker as worker
 from pl_mc.receiver.navigation_records import checked_navigation
 from pl_mc.receiver.observation_records import checked_observations
-from pl_mc.receiver.rinex_text import PSEUDORANGE_CODES, header_position_m, read_rinex_text, require_systems
+from pl_mc.receiver.rinex_text import header_position_m, read_rinex_text, require_systems
+from pl_mc.receiver.signals import SIGNALS, signal_of
+from pl_mc.receiver.signals import SYSTEMS as KNOWN_SYSTEMS
 from pl_mc.runtime.rtklib_child import run_rtklib_child
 
-SYSTEMS = tuple(PSEUDORANGE_CODES)
+SYSTEMS = tuple(dict.fromkeys(signal.system for signal in SIGNALS))
 
 # A navigation satellite is between 1.9e7 m (medium orbit) and 4.5e7 m (synchronous) from the Earth's centre;
 # an ephemeris that says otherwise is damaged.
@@ -55,10 +57,10 @@ class ReceiverData:
         names: m satellites by RINEX name, GPS first.
         systems: m RINEX letters.
         orbits: m classes of orbit: GPS, BDS-MEO, BDS-IGSO, BDS-GEO; empty where the file has no ephemeris.
-        pseudorange_m: (e, m), GPS C1C, BeiDou C2I [m]; NaN where missing.
+        pseudorange_m: (e, m), of the signals of `pl_mc.receiver.signals` [m]; NaN where missing.
         satellite_position_m: (e, m, 3), Earth-fixed at transmission time [m]; NaN without usable ephemeris.
-        satellite_clock_m: (e, m), satellite clock with relativity and group delay (TGD for GPS, TGD1 for BeiDou),
-            as a length: add it to a pseudorange to remove it [m]; NaN without usable ephemeris.
+        satellite_clock_m: (e, m), satellite clock with relativity and the group delay of the signal, as a length:
+            add it to a pseudorange to remove it [m]; NaN without usable ephemeris.
         unhealthy: (e, m), observed while the ephemeris in force says unhealthy.
         no_ephemeris: (e, m), observed without an ephemeris within the window, or with a damaged one.
         klobuchar_alpha, klobuchar_beta: (4,), coefficients of the GPS ionosphere model.
@@ -129,7 +131,7 @@ def read_rinex(
         orbits=tuple(_orbit(name, arrays) for name in names),
         pseudorange_m=arrays["pseudorange_m"],
         satellite_position_m=np.where(placed[..., None], arrays["position_m"], np.nan),
-        satellite_clock_m=np.where(placed, arrays["clock_m"], np.nan),
+        satellite_clock_m=np.where(placed, _clock_of_signals(names, arrays), np.nan),
         unhealthy=unhealthy,
         no_ephemeris=observed & ~unhealthy & ~placed,
         klobuchar_alpha=arrays["alpha"],
@@ -168,7 +170,7 @@ def _evaluate(
             path.write_text(text, encoding="latin-1", newline="\n")
         run_rtklib_child(
             worker.__file__,
-            [*map(str, paths), "".join(systems)],
+            [*map(str, paths), *(f"{letter}{KNOWN_SYSTEMS[letter].ephemeris_window_s:g}" for letter in systems)],
             limit_s=limit_s,
             exit_no_library=worker.EXIT_NO_LIBRARY,
             owner="receiver files",
@@ -193,6 +195,17 @@ def _require_same_days(pair: str, arrays: dict[str, NDArray]) -> None:
 def _span(times_gps_s: NDArray[np.float64]) -> str:
     first, last = gps_date(times_gps_s.min()), gps_date(times_gps_s.max())
     return first if first == last else f"{first} to {last}"
+
+
+def _clock_of_signals(names: Sequence[str], arrays: dict[str, NDArray]) -> NDArray[np.float64]:
+    """(e, m) clocks as users of the signals have them; the library takes the first group delay from all."""
+    clock_m = arrays["clock_m"]
+    for column, name in enumerate(names):
+        first, second = signal_of(name[0]).group_delays
+        if (first, second) != (1.0, 0.0):
+            delays_m = arrays["group_delays_m"][:, column]
+            clock_m[:, column] += (1.0 - first) * delays_m[:, 0] - second * delays_m[:, 1]
+    return clock_m
 
 
 def _orbit(name: str, arrays: dict[str, NDArray]) -> str:

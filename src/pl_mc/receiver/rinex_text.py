@@ -8,7 +8,7 @@ ephemerides in `pl_mc.receiver.navigation_records`.
 from __future__ import annotations
 
 import re
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -17,6 +17,7 @@ from numpy.typing import NDArray
 
 from pl_mc.geometry.record import SYSTEM_NAMES
 from pl_mc.input_errors import InputError
+from pl_mc.receiver.signals import signal_of
 from pl_mc.runtime.unpacking import read_unpacked
 
 _KINDS = {"O": "observation", "N": "navigation", "M": "meteorological", "C": "clock"}
@@ -24,15 +25,8 @@ _OTHER_KINDS_2 = {"G": "GLONASS navigation", "H": "geostationary navigation"}
 
 _VERSIONS = (2, 3, 4)
 
-# Satellites whose pseudoranges are of the code that one clock and one group delay belong to. RINEX 3.02 and some
-# writers since name the codes of B1I after band 1.
-PSEUDORANGE_CODES: Mapping[str, tuple[str, ...]] = {"G": ("C1C",), "C": ("C2I", "C1I")}
-
 # No header means a coordinate beyond this; the square of a larger one may be no number.
 _FARTHEST_M = 1e9
-
-# Numbers of the satellites that the orbit library knows.
-HIGHEST_NUMBER: Mapping[str, int] = {"G": 32, "C": 63}
 
 
 @dataclass(frozen=True)
@@ -138,7 +132,7 @@ def require_systems(file: RinexText, systems: Sequence[str]) -> None:
         return
     codes = observed_codes(file)
     for letter in systems:
-        usable = PSEUDORANGE_CODES[letter]
+        usable = signal_of(letter).codes
         if letter not in codes:
             found = ", ".join(f"{key} ({SYSTEM_NAMES[key]})" if key in SYSTEM_NAMES else key for key in codes)
             raise InputError(f"{file.path}: it has no {SYSTEM_NAMES[letter]} ({letter}); its systems are {found}.")

@@ -1,8 +1,9 @@
 """The one file that speaks to the orbit library (RTKLIB, through pyrtklib): RINEX text in, plain arrays out.
 
-It is run as a program of its own, ``python rtklib_worker.py OBS NAV RESULT SYSTEMS``, and imports nothing of this
-package: RTKLIB is C code that parses whatever a file holds, and a fault in it must end a child process and not
-the analysis. `pl_mc.receiver.rinex` checks the files, starts it and reads its result.
+It is run as a program of its own, ``python rtklib_worker.py OBS NAV RESULT G7200 C7200`` (systems, with how far an
+epoch may lie from an ephemeris' reference time toe [s]), and imports nothing of this package: RTKLIB is C code that
+parses whatever a file holds, and a fault in it must end a child process and not the analysis.
+`pl_mc.receiver.rinex` checks the files, starts it and reads its result.
 
 To exchange the library, rewrite this file and keep the arrays that `evaluate` returns.
 """
@@ -11,17 +12,12 @@ from __future__ import annotations
 
 import sys
 from collections.abc import Mapping
-from types import MappingProxyType
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 SPEED_OF_LIGHT_M_S = 299_792_458.0  # the same figure as pl_mc.constants, which a lone program does not import
-
-# How far an epoch may lie from an ephemeris' reference time toe [s]. GPS: half the fit interval of four hours
-# (IS-GPS-200, 20.3.4.4). BeiDou: hourly messages (BDS-SIS-ICD-2.1, 5.2.4.2), of which receivers miss some.
-EPHEMERIS_WINDOW_S: Mapping[str, float] = MappingProxyType({"G": 7200.0, "C": 7200.0})
 
 # What became of each pseudorange.
 ABSENT, USABLE, NO_EPHEMERIS, UNHEALTHY = 0, 1, 2, 3
@@ -34,31 +30,36 @@ EXIT_NO_LIBRARY = 3
 
 def main(arguments: list[str]) -> int:
     """Read OBS and NAV, write RESULT (.npz); returns the exit code."""
-    observation_path, navigation_path, result_path, systems = arguments
+    observation_path, navigation_path, result_path, *systems = arguments
     try:
         import pyrtklib
     except ImportError as error:
         sys.stderr.write(str(error))
         return EXIT_NO_LIBRARY
-    arrays: dict[str, Any] = evaluate(pyrtklib, observation_path, navigation_path, systems)
+    arrays: dict[str, Any] = evaluate(
+        pyrtklib, observation_path, navigation_path, {system[0]: float(system[1:]) for system in systems}
+    )
     np.savez(result_path, **arrays)
     return 0
 
 
-def evaluate(rtklib: Any, observation_path: str, navigation_path: str, systems: str) -> dict[str, NDArray]:
+def evaluate(
+    rtklib: Any, observation_path: str, navigation_path: str, systems: Mapping[str, float]
+) -> dict[str, NDArray]:
     """Pseudoranges of a file and the state of each satellite when its signal left it.
 
     Args:
         rtklib: the library.
         observation_path, navigation_path: plain RINEX 3 files, no satellite twice in an epoch.
-        systems: RINEX letters of the systems to keep.
+        systems: RINEX letters of the systems to keep, and how far an epoch may lie from toe [s].
 
     Returns:
         time_gps_s (e,): epochs [s since 1980-01-06, GPS time]; names (m,);
         pseudorange_m (e, m): NaN where missing; position_m (e, m, 3): Earth-fixed at transmission time, axes as
-        oriented at that time; clock_m (e, m): satellite clock with relativity and group delay, times the speed of
-        light; state (e, m): ABSENT, USABLE, NO_EPHEMERIS, UNHEALTHY; toe_gps_s (e, m): reference time of the
-        ephemeris used; alpha, beta (4,): Klobuchar coefficients; ephemeris_names, ephemeris_toe_gps_s,
+        oriented at that time; clock_m (e, m): satellite clock with relativity and the first group delay, times the
+        speed of light; group_delays_m (e, m, 2): both group delays, likewise; state (e, m): ABSENT, USABLE,
+        NO_EPHEMERIS, UNHEALTHY; toe_gps_s (e, m): reference time of the ephemeris used; alpha, beta (4,):
+        Klobuchar coefficients; ephemeris_names, ephemeris_toe_gps_s,
         semi_major_axis_m, inclination_rad (k,): the ephemerides of the file.
     """
     observations, navigation, station = rtklib.obs_t(), rtklib.nav_t(), rtklib.sta_t()
@@ -79,6 +80,7 @@ def evaluate(rtklib: Any, observation_path: str, navigation_path: str, systems: 
         "pseudorange_m": np.full(shape, np.nan),
         "position_m": np.full((*shape, 3), np.nan),
         "clock_m": np.full(shape, np.nan),
+        "group_delays_m": np.full((*shape, 2), np.nan),
         "state": np.full(shape, ABSENT, dtype=np.int8),
         "toe_gps_s": np.full(shape, np.nan),
         "alpha": np.array([navigation.ion_gps[k] for k in range(4)]),
@@ -93,7 +95,7 @@ def evaluate(rtklib: Any, observation_path: str, navigation_path: str, systems: 
         if records:
             toe_s = np.array([_gps_seconds(record.toe) for record in records])
             nearest = _nearest(toe_s, times_s[mine])
-            inside = np.abs(toe_s[nearest] - times_s[mine]) <= EPHEMERIS_WINDOW_S[name[0]]
+            inside = np.abs(toe_s[nearest] - times_s[mine]) <= systems[name[0]]
             healthy = np.array([record.svh == 0 for record in records])[nearest]
             state[inside] = np.where(healthy[inside], USABLE, UNHEALTHY)
             for k in np.flatnonzero(inside & healthy):
@@ -101,13 +103,16 @@ def evaluate(rtklib: Any, observation_path: str, navigation_path: str, systems: 
                 received = observations.data[int(rows[row])].time
                 position, clock_m = _state(rtklib, records[nearest[k]], received, float(pseudorange_m[row]))
                 result["position_m"][where], result["clock_m"][where] = position, clock_m
+                result["group_delays_m"][where] = [
+                    SPEED_OF_LIGHT_M_S * records[nearest[k]].tgd[i] for i in range(2)
+                ]
                 result["toe_gps_s"][where] = toe_s[nearest[k]]
         result["state"][epoch_of[mine], column] = state
     return result
 
 
 def _observations(
-    rtklib: Any, observations: Any, systems: str
+    rtklib: Any, observations: Any, systems: Mapping[str, float]
 ) -> tuple[NDArray[np.int64], NDArray[np.float64], NDArray[np.int64], NDArray[np.float64]]:
     """Index, time [s], satellite number and pseudorange [m] of each observation of the one code we use."""
     codes = {"G": rtklib.CODE_L1C, "C": rtklib.CODE_L2I}
@@ -130,7 +135,9 @@ def _observations(
     )
 
 
-def _ephemerides(rtklib: Any, navigation: Any, systems: str) -> tuple[dict[int, list[Any]], dict[str, NDArray]]:
+def _ephemerides(
+    rtklib: Any, navigation: Any, systems: Mapping[str, float]
+) -> tuple[dict[int, list[Any]], dict[str, NDArray]]:
     """Ephemerides of each satellite number by toe, and the list of all; of equal toe, the one sent last."""
     by_satellite: dict[int, dict[float, Any]] = {}
     for index in range(navigation.n):
