@@ -13,12 +13,19 @@ from typing import Any
 
 __version__ = "0.1.0"
 
+_LINES = ast.parse(Path(__file__).with_suffix(".pyi").read_text(encoding="utf-8")).body
+
 # Public name -> where it is, and its name there.
 _PUBLIC = {
-    name.asname or name.name: (str(line.module), name.name)
-    for line in ast.parse(Path(__file__).with_suffix(".pyi").read_text(encoding="utf-8")).body
+    name.asname: (str(line.module), name.name)
+    for line in _LINES
     if isinstance(line, ast.ImportFrom)
     for name in line.names
+    if name.asname
+} | {
+    ast.unparse(line.targets[0]): (f"pl_mc.{ast.unparse(line.value.value)}", line.value.attr)
+    for line in _LINES
+    if isinstance(line, ast.Assign) and isinstance(line.value, ast.Attribute)
 }
 
 __all__ = [*_PUBLIC, "__version__"]

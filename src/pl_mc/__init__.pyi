@@ -26,16 +26,18 @@ from pl_mc.integrity_risk.rare.exposure import exposure as exposure
 from pl_mc.integrity_risk.rare.risk import risk as risk
 from pl_mc.integrity_risk.tuning.tune import tune as tune
 from pl_mc.integrity_risk.worst.worst_case import worst_case as worst_case
-from pl_mc.methods import Igg3 as igg3
-from pl_mc.methods import Ls as ls
-from pl_mc.noise_models import GaussianMixture as gaussian_mixture
-from pl_mc.noise_models import Multipath as multipath
-from pl_mc.noise_models import NominalBias as nominal_bias
-from pl_mc.noise_models import StudentT as student_t
 from pl_mc.noise_models import noise_model as noise_model
 from pl_mc.service.volume import service_volume as service_volume
 from pl_mc.statistics import exact as exact
 from pl_mc.statistics import reliability as reliability
 from pl_mc.time_ramps import time_to_alert as time_to_alert
+
+# Records that are called like functions.
+gaussian_mixture = noise_models.GaussianMixture
+igg3 = methods.Igg3
+ls = methods.Ls
+multipath = noise_models.Multipath
+nominal_bias = noise_models.NominalBias
+student_t = noise_models.StudentT
 
 __version__: str

@@ -279,14 +279,33 @@ def test_init_writes_what_check_and_run_accept(
     assert (tmp_path / "my.toml").read_text() == text
     code, out, _ = checked(["init", "map"], capsys)
     assert code == 0
-    assert tomllib.loads(out)["kind"] == "map"
-    code, _, err = checked(["init", "mapp"], capsys)
+    # A kind of earlier versions, in the words of this one.
+    assert {"kind": "sweep", "view": "map"}.items() <= tomllib.loads(out).items()
+    code, _, err = checked(["init", "swep"], capsys)
     assert code == 2
-    assert "nearest: map" in err
+    assert "nearest: sweep" in err
     code, _, err = checked(["init", "--out", "nowhere/my.toml"], capsys)
     assert code == 2
     assert "cannot be written" in err
     assert [path.name for path in tmp_path.iterdir()] == ["my.toml"]
+
+
+def test_a_file_of_a_former_kind_is_checked_as_what_it_is_today(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    file = tmp_path / "old.toml"
+    file.write_text(
+        'kind = "map"\ntitle = "A map"\ndraws = 10\n[geometry]\nepochs = 2\ninterval_s = 3600.0\n'
+        "[faults]\nstart_m = 10\nstop_m = 40\nstep_m = 15\n"
+    )
+    found = check_experiment(str(file))
+    assert (found.problems, found.text()) == ((), "")
+    assert found.experiment is not None
+    assert found.experiment.kind == "sweep"  # type: ignore[attr-defined]
+    file.write_text(file.read_text().replace("step_m", "steps_m"))
+    code, _, err = checked(["check", str(file)], capsys)
+    assert code == 2
+    assert "old.toml:10: faults.steps_m: there is no such field (nearest: step_m" in err
 
 
 def test_a_file_of_ones_own_is_needed_to_observe(tmp_path: Path) -> None:

@@ -9,8 +9,12 @@ import pandas as pd
 import pytest
 
 from pl_mc.cli.main import main
+from pl_mc.experiments.checking import check_experiment
+from pl_mc.experiments.loading import build_experiment
 from pl_mc.injection import Injection, parse_injection
 from pl_mc.input_errors import InputError
+from pl_mc.report.run_folder import read_run_folder
+from pl_mc.studies.observe import STUDY
 
 ESBC_TRUTH = "3582104.8991,532590.1966,5232755.2961"
 
@@ -57,6 +61,10 @@ def test_two_faulted_satellites_alarm_least_squares_and_not_the_robust_level(
     manifest = json.loads((tmp_path / "out" / "manifest.json").read_text())
     assert manifest["experiment"]["faults"] == ["G15:+30m:400-499", "G17:+30m:400-499"]
     assert len(manifest["inputs"]["observations"]["sha256"]) == 64
+    stored = read_run_folder(tmp_path / "out")
+    assert set(stored.tables) == {"epochs"}
+    assert stored.document is not None
+    assert stored.document.answer == STUDY.answer({"epochs": table}, build_experiment(stored.experiment, source=""))
 
 
 def test_the_car_data_run(tmp_path: Path, data_folder: Path) -> None:
@@ -104,6 +112,17 @@ def test_a_missing_file_is_named(tmp_path: Path, capsys: pytest.CaptureFixture[s
     assert stop.value.code == 2
     assert missing in capsys.readouterr().err
     assert list(tmp_path.iterdir()) == []
+
+
+def test_a_check_names_every_missing_file_by_its_field(tmp_path: Path) -> None:
+    path = tmp_path / "mine.toml"
+    fields = {**STUDY.outline, "observations": "observations.rnx", "navigation": "navigation.rnx"}
+    path.write_text("".join(f"{field} = {json.dumps(value)}\n" for field, value in fields.items()))
+    problems = check_experiment(str(path)).problems
+    assert [(problem.field, problem.line, problem.reason) for problem in problems] == [
+        (name, line, f"{name}.rnx: there is no such file.")
+        for line, name in ((3, "observations"), (4, "navigation"))
+    ]
 
 
 def test_injections_are_read() -> None:

@@ -6,6 +6,7 @@ import json
 import os
 import subprocess
 import sys
+from dataclasses import replace
 from pathlib import Path
 
 import pandas as pd
@@ -13,7 +14,9 @@ import pytest
 
 from pl_mc.cli.main import main
 from pl_mc.engine import plan, task
-from pl_mc.studies import registry
+from pl_mc.experiments import running
+from pl_mc.report.findings import Findings
+from pl_mc.studies import sweep
 
 SMALL = """
 kind = "sweep"
@@ -58,7 +61,7 @@ def test_a_run_leaves_tables_figures_summary_and_manifest(folder: Path, capsys: 
     files = {path.name for path in results.iterdir()}
     assert files == {
         "exact.csv", "levels.csv", "manifest.json", "rates.csv", "rates.png", "rates.svg", "report.html",
-        "summary.md",
+        "report.json", "summary.md",
     }  # fmt: skip
     rates = pd.read_csv(results / "rates.csv")
     assert list(rates.method.unique()) == ["ls", "igg3"]
@@ -83,7 +86,7 @@ def test_the_manifest_redoes_the_run_to_the_byte(folder: Path) -> None:
     assert manifest["experiment"]["seed"] == 9
     assert {"pl_mc", "jax", "jaxlib", "numpy"} <= set(manifest["versions"])
     main(["run", "first/manifest.json", "--out", "second"])
-    for name in ("rates.csv", "exact.csv", "levels.csv", "rates.svg", "summary.md"):
+    for name in ("rates.csv", "exact.csv", "levels.csv", "rates.svg", "summary.md", "report.json"):
         assert (folder / "first" / name).read_bytes() == (folder / "second" / name).read_bytes(), name
 
 
@@ -167,14 +170,22 @@ def test_a_place_that_cannot_hold_results_is_refused(folder: Path, capsys: pytes
     assert (folder / "mine" / "thesis.tex").read_text() == "text"
 
 
+@pytest.mark.parametrize("where", ["computing", "writing"])
 def test_an_interrupted_run_leaves_nothing(
-    folder: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+    folder: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch, where: str
 ) -> None:
-    def half_way(experiment: object, working: Path, *, execution: object) -> None:
+    def half_way(experiment: object, execution: object) -> Findings:
+        if where == "computing":
+            raise KeyboardInterrupt
+        return Findings((), ())
+
+    def half_of_a_file(findings: Findings, working: Path, **_: object) -> None:
         (working / "rates.csv").write_text("half")
         raise KeyboardInterrupt
 
-    monkeypatch.setitem(registry.KINDS, "sweep", registry.Kind(registry.KINDS["sweep"].model, half_way))
+    study = replace(sweep.STUDY, run=half_way, answer=lambda tables, experiment: ())
+    monkeypatch.setattr(sweep, "STUDY", study)
+    monkeypatch.setattr(running, "write_findings", half_of_a_file)
     with pytest.raises(SystemExit) as stop:
         main(["run", "small.toml"])
     assert stop.value.code == 130

@@ -122,7 +122,7 @@ def test_a_series_is_its_epochs_and_padding_changes_nothing() -> None:
 
 def test_examine_sees_what_detect_counts(g: Geometry) -> None:
     """The draws are those of the sweep: noise of `pl_mc.sample`, one by one."""
-    from pl_mc.studies.series.sources import drawn_errors_m
+    from pl_mc.studies.sources import drawn_errors_m
 
     faults = biases(g, {g.names[3]: 12.0})
     counted = detect(g, faults, draws=100, seed=9, calibration_draws=999, progress=False)

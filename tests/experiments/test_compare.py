@@ -10,13 +10,16 @@ import pytest
 
 import pl_mc
 from pl_mc.alert import LPV_200
+from pl_mc.engine import Execution
 from pl_mc.experiments.loading import build_experiment, load_experiment
 from pl_mc.experiments.running import run_experiment
 from pl_mc.input_errors import InputError
 from pl_mc.methods import METHODS
-from pl_mc.studies.compare.figures import EqualTables, same_curves
-from pl_mc.studies.compare.run import equal_table, overview_table
+from pl_mc.report.run_folder import read_run_folder
+from pl_mc.studies.compare import STUDY
+from pl_mc.studies.compare.tables import EqualTables, equal_table, overview_table, same_curves
 from pl_mc.studies.compare.text import findings
+from pl_mc.studies.planned_sweep import PlannedSweep
 
 DRAWS, SEED = 3000, 5
 RAMP = {"satellite": "G22", "start_m": 20.0, "stop_m": 40.0, "step_m": 20.0}
@@ -63,10 +66,10 @@ def test_the_overview_takes_the_worst_bias_and_the_levels_without_a_fault(folder
         assert row.fault_free_alarm_rate == rows[rows.fault == "none"].alarm_rate.iloc[0]
         for event in ("missed", "misleading", "hazard"):
             assert row[f"{event}_rate"] == faulted[f"{event}_rate"].max()
-        mine = drawn[drawn.method == name]
-        within = (mine.vpl_m <= LPV_200.vertical_m) & (mine.hpl_m <= LPV_200.horizontal_m)
+        levels = drawn[drawn.method == name]
+        within = (levels.vpl_m <= LPV_200.vertical_m) & (levels.hpl_m <= LPV_200.horizontal_m)
         assert row.within == within.sum()
-        np.testing.assert_allclose(row.vpl_50_m, mine.vpl_m.median(), rtol=1e-12)
+        np.testing.assert_allclose(row.vpl_50_m, levels.vpl_m.median(), rtol=1e-12)
 
 
 def test_a_test_of_another_false_alarm_rate_is_left_out(folder: Path) -> None:
@@ -107,20 +110,37 @@ def test_findings_say_what_was_seen_and_bound_what_was_not() -> None:
          "vpl_95_m": [9.0, 8.0]}
     )  # fmt: skip
     overview = overview_table(made_up(), fault_free)
-    told = findings(overview, None, LPV_200)
-    missed = next(one for one in told if one.startswith("Missed"))
+    sentences = findings(overview, None, LPV_200)
+    missed = next(sentence for sentence in sentences if sentence.startswith("Missed"))
     assert "3 % [0.1, 5] at 10 m with b; none (each < 5 %) with a." in missed
-    assert "none (each < 0.37 %) with a and b" in told[0]
-    assert "90 % [88, 92] with b" in told[1]
-    assert "all draws (> 99.60 %) with a" in told[1]
-    assert "8.000 m with b, 9.000 m with a" in told[2]
+    assert "none (each < 0.37 %) with a and b" in sentences[0]
+    assert "90 % [88, 92] with b" in sentences[1]
+    assert "all draws (> 99.60 %) with a" in sentences[1]
+    assert "8.000 m with b, 9.000 m with a" in sentences[2]
 
 
 def test_methods_with_the_same_counts_share_a_curve() -> None:
     twice = pd.concat([made_up(), made_up().assign(method=lambda t: t.method + "2")])
-    assert list(same_curves(twice, "missed")) == ["a,\na2", "b,\nb2"]
+    assert list(same_curves(twice, "missed")) == [("a", "a2"), ("b", "b2")]
     empty = EqualTables(twice, pd.DataFrame({"method": ["a"], "fits": [False]}), 0.01)
     assert empty.comparable.empty
+
+
+def test_the_answer_of_stored_tables_is_the_one_of_the_run(folder: Path) -> None:
+    experiment = build_experiment(SMALL, source="test")
+    stored = read_run_folder(folder)
+    sentences = STUDY.answer(stored.tables, experiment)
+    assert stored.document is not None
+    assert sentences == stored.document.answer
+    assert len(sentences) == 3
+    assert all("least squares (VPL) " in sentence and "of 2 methods." in sentence for sentence in sentences)
+
+
+def test_wrong_tests_are_named_before_anything_is_counted(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(PlannedSweep, "run", lambda *_: pytest.fail("it counted"))
+    changed = SMALL | {"equal": SMALL["equal"] | {"methods": [{"name": "ls"}]}}
+    with pytest.raises(InputError, match=r"equal.methods"):
+        STUDY.run(build_experiment(changed, source="test"), Execution())
 
 
 @pytest.mark.parametrize(

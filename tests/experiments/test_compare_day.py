@@ -22,7 +22,8 @@ from pl_mc.studies.compare.day import (
     further_geometries,
     significance_of_largest,
 )
-from pl_mc.studies.compare.orders import mean_rates, orders
+from pl_mc.studies.compare.tables import mean_rates, orders
+from pl_mc.studies.spec import RampFaults
 
 EVERY, DRAWS, SEED = 2, 300, 5
 GEOMETRY = {"epochs": 5, "interval_s": 9_000.0, "epoch": 1}
@@ -47,7 +48,7 @@ def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
     out = tmp_path_factory.mktemp("compare-day") / "out"
     # Figures are made and not drawn, which takes longer than all the rest.
     with pytest.MonkeyPatch.context() as patched:
-        patched.setattr("pl_mc.studies.compare.run.save_figure", lambda *_: None)
+        patched.setattr("pl_mc.report.files.save_figure", lambda *_: None)
         run_experiment("small", build_experiment(SMALL, source="test"), out)
     return out
 
@@ -59,7 +60,7 @@ def vertical(g: pl_mc.Geometry) -> tuple[float, str]:
 
 
 def test_geometries_are_the_extremes_and_the_sample_with_the_worst_satellites(series: pl_mc.Geometry) -> None:
-    found = {one.name: one for one in further_geometries(series, EVERY)}
+    found = {place.name: place for place in further_geometries(series, EVERY)}
     sigma = [vertical(series[k])[0] for k in range(len(series))]
     order = np.argsort(sigma)
     for name, place in (("strongest", 0), ("median", 2), ("weakest", 4)):
@@ -68,14 +69,15 @@ def test_geometries_are_the_extremes_and_the_sample_with_the_worst_satellites(se
     day = found[DAY]
     assert day.g.epoch.tolist() == [0, 2, 4]
     assert day.true_names == tuple(vertical(series[k])[1] for k in (0, 2, 4))
-    assert day.faults(10.0, 10.0, 1.0).applies(day.g).all()
+    ramp = RampFaults(satellite="G22", start_m=10.0, stop_m=10.0, step_m=1.0)
+    assert day.faults(ramp).applies(day.g).all()
     with pytest.raises(InputError, match="day: at least three epochs"):
         further_geometries(series[:2], 1)
 
 
 def test_the_day_counts_what_sweeps_of_its_epochs_count(folder: Path, series: pl_mc.Geometry) -> None:
     rates = pd.read_csv(folder / "day_rates.csv", keep_default_na=False)
-    mine = rates[(rates.geometry == DAY) & (rates.fault != "none")].set_index("bias_m")
+    of_day = rates[(rates.geometry == DAY) & (rates.fault != "none")].set_index("bias_m")
     total = dict.fromkeys((10.0, 20.0), 0)
     for k in (0, 2, 4):
         faults = pl_mc.ramp(series, satellite=vertical(series[k])[1], start_m=10.0, stop_m=20.0, step_m=10.0)
@@ -84,10 +86,10 @@ def test_the_day_counts_what_sweeps_of_its_epochs_count(folder: Path, series: pl
         ).set_index("bias_m")
         for bias in total:
             total[bias] += int(table.alarms[bias])
-    assert {bias: int(mine.alarms[bias]) for bias in total} == total
+    assert {bias: int(of_day.alarms[bias]) for bias in total} == total
     assert sum(total.values()) > 0
-    assert set(mine.draws) == {3 * DRAWS}
-    assert all(label.startswith(WORST) for label in mine.fault)
+    assert set(of_day.draws) == {3 * DRAWS}
+    assert all(label.startswith(WORST) for label in of_day.fault)
 
 
 def test_the_summary_has_all_geometries_and_tests_of_one_rate(folder: Path) -> None:

@@ -11,7 +11,7 @@ import pyarrow.parquet as pq
 import pytest
 
 import pl_mc
-from pl_mc.experiments.output import write_table
+from pl_mc.report.files import write_table
 
 RESULTS = Path(__file__).parents[2] / "results"
 STORED = sorted(path for ending in ("parquet", "csv") for path in RESULTS.glob(f"*/*.{ending}"))
@@ -64,7 +64,7 @@ def test_there_are_stored_tables() -> None:
 )
 @pytest.mark.parametrize("ending", ["csv", "parquet"])
 def test_other_tables_would_be_seen(table: pd.DataFrame, ending: str, tmp_path: Path) -> None:
-    write_table(table, tmp_path, "bad", parquet=True)
+    write_table(table, tmp_path, "bad", stored="both")
     with pytest.raises(AssertionError):
         require_plain(tmp_path / f"bad.{ending}")
 
@@ -78,7 +78,7 @@ def test_what_functions_return_comes_back_from_both_forms(tmp_path: Path) -> Non
         "exact": pl_mc.exact.ls_rates(series[0], pl_mc.no_fault(series[0]), alert=pl_mc.LPV_200),
     }
     for name, table in made.items():
-        write_table(table, tmp_path, name, parquet=True)
+        write_table(table, tmp_path, name, stored="both")
         for ending in ("csv", "parquet"):
             require_plain(tmp_path / f"{name}.{ending}")
         pd.testing.assert_frame_equal(pd.read_parquet(tmp_path / f"{name}.parquet"), table)

@@ -10,12 +10,16 @@ import numpy as np
 import pandas as pd
 import pytest
 
+from pl_mc.engine import Execution
 from pl_mc.experiments.loading import build_experiment, load_experiment
 from pl_mc.experiments.running import run_experiment
 from pl_mc.input_errors import InputError
+from pl_mc.report.charts import charts_of
+from pl_mc.report.run_folder import read_run_folder
+from pl_mc.studies.guo import STUDY
+from pl_mc.studies.guo.paper import COUNTED, PRINTED
 from pl_mc.studies.guo.run import GuoExperiment, without_satellites
 from pl_mc.studies.guo.series import crossed_factors
-from pl_mc.studies.guo.text import COUNTED, PRINTED
 
 GEO = ["C01", "C02", "C03", "C04", "C05", "C59", "C60", "C61"]
 SMALL: dict[str, Any] = {
@@ -61,7 +65,13 @@ def test_files(small: Path) -> None:
     )
     wanted = {f"{name}.{ending}" for name in figures for ending in ("png", "svg")}
     tables = ("detection", "detection_draws", "hypotheses", "variance_factor", "power", "reliability")
-    wanted |= {f"{name}.csv" for name in tables} | {"epochs.parquet", "summary.md", "manifest.json", "report.html"}
+    wanted |= {f"{name}.csv" for name in tables} | {
+        "epochs.parquet",
+        "summary.md",
+        "manifest.json",
+        "report.html",
+        "report.json",
+    }
     assert {path.name for path in small.iterdir()} == wanted
     assert json.loads((small / "manifest.json").read_text())["experiment"]["p_fa"] == 0.01
 
@@ -123,6 +133,29 @@ def test_the_same_seed_gives_the_same_tables(small: Path, tmp_path: Path) -> Non
     run_experiment("small", made(), tmp_path / "again")
     for name in ("detection.csv", "detection_draws.csv", "power.csv", "summary.md", "epochs.parquet"):
         assert (tmp_path / "again" / name).read_bytes() == (small / name).read_bytes()
+
+
+def test_a_run_writes_nothing_and_answers_alike_of_tables_read_back(
+    small: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    findings = STUDY.run(made(), Execution(progress=False))
+    assert list(tmp_path.iterdir()) == []
+    stored = read_run_folder(small)
+    assert set(findings.data) == set(stored.tables)
+    assert STUDY.answer(findings.data, made()) == STUDY.answer(stored.tables, made())
+
+
+def test_detection_is_charted_bias_by_bias(small: Path) -> None:
+    stored = read_run_folder(small)
+    assert stored.document is not None
+    charts = {chart["id"]: chart for chart in charts_of(stored.document.tables, stored.tables, val_m=35.0)}
+    assert list(charts) == ["detection", "detection_draws", "power"]
+    assert len({chart["title"] for chart in charts.values()}) == 3
+    for chart in charts.values():
+        assert chart["curves"] == ["chi2, apriori", "mean_check, shift_kept"]
+        assert [quantity["label"] for quantity in chart["quantities"]] == ["detection"]
+    assert [menu["label"] for menu in charts["power"]["menus"]] == ["level", "satellite"]
 
 
 def test_satellites_are_left_out_with_their_errors() -> None:

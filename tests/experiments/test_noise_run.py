@@ -10,9 +10,12 @@ import pandas as pd
 import pytest
 
 import pl_mc
+from pl_mc.engine import Execution
 from pl_mc.experiments.loading import build_experiment
 from pl_mc.experiments.running import run_experiment
 from pl_mc.input_errors import InputError
+from pl_mc.report.run_folder import read_run_folder
+from pl_mc.studies.noise import STUDY
 
 GEOMETRY = {"epochs": 1, "epoch": 0}
 NOISE = {
@@ -38,10 +41,10 @@ def test_factors_are_the_rates_of_the_sweeps(tmp_path: Path) -> None:
     exact = pl_mc.exact.ls_rates(g, faults)
     rows = factors[factors.noise == "student_t(nu=3,match=core)"]
     for event, column in (("alarm", "alarms"), ("misleading", "misleading"), ("missed", "missed")):
-        mine = rows[rows.event == event]
-        assert mine["count"].tolist() == counted[column].tolist()
-        np.testing.assert_allclose(mine.gaussian_rate, exact[f"{event}_rate"], rtol=1e-12)
-        np.testing.assert_allclose(mine.rate, counted[f"{event}_rate"])
+        of_event = rows[rows.event == event]
+        assert of_event["count"].tolist() == counted[column].tolist()
+        np.testing.assert_allclose(of_event.gaussian_rate, exact[f"{event}_rate"], rtol=1e-12)
+        np.testing.assert_allclose(of_event.rate, counted[f"{event}_rate"])
     known = rows[rows.factor.notna()]
     np.testing.assert_allclose(known.factor, known.rate / known.gaussian_rate)
     assert (known.factor_low < known.factor).all()
@@ -49,6 +52,24 @@ def test_factors_are_the_rates_of_the_sweeps(tmp_path: Path) -> None:
     for name in ("noise_models.png", "exposures.png"):
         assert (folder / name).stat().st_size > 20_000
     assert "student_t(nu=3,match=core)" in (folder / "summary.md").read_text(encoding="utf-8")
+    stored = read_run_folder(folder)
+    assert stored.document is not None
+    assert STUDY.answer(stored.tables, build_experiment(NOISE, source="test")) == stored.document.answer
+
+
+def test_the_run_writes_nothing(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.chdir(tmp_path)
+    findings = STUDY.run(build_experiment(NOISE | {"draws": 300}, source="test"), Execution(progress=False))
+    assert list(findings.data) == ["rates", "factors", "risks", "exposures"]
+    assert [picture.name for picture in findings.pictures] == ["noise_models", "exposures"]
+    assert not list(tmp_path.iterdir())
+
+
+def test_rare_events_and_exposures_are_in_the_cost() -> None:
+    """Two noise models under no fault with one method; 5 samples by 2 correlation times by 256 draws."""
+    work = STUDY.beside(build_experiment(NOISE, source="test"))
+    assert work.seconds == pytest.approx(2 * 2_000_000 / 5.9e4 + 5 * 2 * 256 / 2.0e6)
+    assert work.remark == "as if all 2 rare events had to be estimated, which only a run can tell"
 
 
 @pytest.mark.parametrize(

@@ -8,9 +8,12 @@ import numpy as np
 import pandas as pd
 import pytest
 
+from pl_mc.engine import Execution
 from pl_mc.experiments.loading import build_experiment
 from pl_mc.experiments.running import run_experiment
 from pl_mc.input_errors import InputError
+from pl_mc.report.run_folder import read_run_folder
+from pl_mc.studies.readings import STUDY
 from pl_mc.studies.readings.run import distance_table
 from pl_mc.studies.series.zhao2021 import ACCURACY_COLUMNS
 
@@ -30,9 +33,15 @@ SMALL = {
 }
 
 
-def test_each_reading_changes_what_it_says(tmp_path: Path) -> None:
-    run_experiment("small", build_experiment(SMALL, source="test"), tmp_path / "out")
-    draws = pd.read_csv(tmp_path / "out" / "readings.csv")
+@pytest.fixture(scope="module")
+def small(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    folder = tmp_path_factory.mktemp("readings") / "small"
+    run_experiment("small", build_experiment(SMALL, source="test"), folder)
+    return folder
+
+
+def test_each_reading_changes_what_it_says(small: Path) -> None:
+    draws = pd.read_csv(small / "readings.csv")
     assert len(draws) == 3 * 2 * 2
     plain = draws[draws.role == "before"].set_index(["reading", "redraw"])
     robust = draws[draws.role == "after"].set_index(["reading", "redraw"])
@@ -41,8 +50,20 @@ def test_each_reading_changes_what_it_says(tmp_path: Path) -> None:
         assert plain.up_95_m["apriori", redraw] == plain.up_95_m["defaults", redraw]
         assert plain.up_95_m["small", redraw] < plain.up_95_m["defaults", redraw]
     assert set(robust.method["apriori"]) == {"igg3(scale=apriori)"}
-    distances = pd.read_csv(tmp_path / "out" / "distances.csv")
+    distances = pd.read_csv(small / "distances.csv")
     assert list(distances.reading) == ["defaults", "apriori", "small"]
+
+
+def test_a_run_writes_nothing_and_answers_alike_of_tables_read_back(
+    small: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    experiment = build_experiment(SMALL, source="test")
+    findings = STUDY.run(experiment, Execution(progress=False))
+    assert list(tmp_path.iterdir()) == []
+    tables = read_run_folder(small).tables
+    assert set(findings.data) == set(tables)
+    assert STUDY.answer(findings.data, experiment) == STUDY.answer(tables, experiment)
 
 
 def test_the_distance_is_a_typical_factor() -> None:

@@ -16,17 +16,21 @@ from pl_mc.input_errors import InputError
 from pl_mc.integrity_risk.tuning import tune as tuning
 from pl_mc.methods import Igg3
 
+# Eight satellites: of pairs there are a fourth as many as of sixteen.
+SKY = {"epochs": 1, "constellations": ("GPS",)}
 TUNING = {
     "kind": "tuning",
     "title": "small",
     "seed": 5,
-    "geometry": {"epochs": 1, "epoch": 0},
+    "geometry": SKY | {"epoch": 0},
     "targets": [1e-2],
     "objectives": ["vpl"],
     "faults": [{"G22": 5.0}],
     "draws": 4096,
     "search_draws": 1024,
     "steps": 4,
+    "target_cov": 0.3,
+    "max_evaluations": 500_000,
     "worst": [2],
 }
 
@@ -35,7 +39,7 @@ def test_the_tuning_experiment(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) 
     # One descent says as much here as three.
     monkeypatch.setattr(tuning, "_STARTS", ())
     result = run_experiment("small", build_experiment(TUNING, source="test"), tmp_path / "out")
-    g = pl_mc.simulate(epochs=1)[0]
+    g = pl_mc.simulate(**SKY)[0]
     table = pd.read_csv(tmp_path / "out" / "tuned.csv", keep_default_na=False, na_values=[""])
     rows = table.set_index("limits")
     assert list(rows.index) == ["exact", "start", "tuned"]

@@ -19,7 +19,9 @@ from pl_mc.input_errors import InputError
 from pl_mc.kernels import linear_model, start_from
 from pl_mc.methods import Igg3, method
 from pl_mc.methods.gated_igg3 import GatedIgg3
+from pl_mc.report.document import read_document
 from pl_mc.statistics import binomial_p_value
+from pl_mc.studies.variants import STUDY
 from pl_mc.studies.variants.run import fault_classes, strongest_and_weakest
 from reference import igg3_numpy as reference
 from reference.problems import random_sky
@@ -169,6 +171,21 @@ def test_figures_and_worst_rates(out: Path) -> None:
         ]
         assert row.rate == ramp.misleading_rate.max()
         assert row.low <= row.rate <= row.high
+
+
+def test_old_tables_tell_the_answer_too(out: Path) -> None:
+    tables = {path.stem: read(out, path.stem) for path in out.glob("*.csv")}
+    answer = STUDY.answer(tables, build_experiment(SMALL, source="test"))
+    document = read_document(out)
+    assert document is not None
+    assert answer == document.answer
+    charts = {table.name: table.chart for table in document.tables if table.chart is not None}
+    assert {name: len({*chart.curves, *chart.menus}) for name, chart in charts.items()} == {
+        "variants": 3,
+        "swamping": 3,
+    }
+    for name, chart in charts.items():
+        assert not tables[name].duplicated([*chart.curves, *chart.menus, chart.x]).any()
 
 
 @functools.partial(jax.jit, static_argnames="methods")

@@ -12,12 +12,16 @@ import pandas as pd
 import pytest
 
 import pl_mc
+from pl_mc.engine import Execution
+from pl_mc.experiments.cost import cost_of
 from pl_mc.experiments.loading import build_experiment, load_experiment
 from pl_mc.experiments.running import run_experiment
+from pl_mc.report.run_folder import read_run_folder
+from pl_mc.studies.series import STUDY
 from pl_mc.studies.series.run import SeriesExperiment, solved
-from pl_mc.studies.series.sources import drawn_errors_m
 from pl_mc.studies.series.window_faults import WindowFaults, in_view_throughout
 from pl_mc.studies.series.zhao2021 import PAPER
+from pl_mc.studies.sources import drawn_errors_m
 
 WINDOWS = [(10, 24), (40, 59)]
 SMALL: dict[str, Any] = {
@@ -63,7 +67,7 @@ def test_files_are_named_after_the_paper(small: Path) -> None:
     figures = ("fig1_satellites", "fig3_errors_ls", "fig4_errors_robust", "fig5_vpl")
     wanted = {f"{name}.{ending}" for name in figures for ending in ("png", "svg")}
     wanted |= {"epochs.parquet", "faults.csv", "redraws.csv", "table1.csv", "table1.md"}
-    wanted |= {"summary.md", "manifest.json", "report.html"}
+    wanted |= {"summary.md", "manifest.json", "report.html", "report.json"}
     assert {path.name for path in small.iterdir()} == wanted
 
 
@@ -139,6 +143,27 @@ def test_the_same_seed_gives_the_same_tables(small: Path, geometry: pl_mc.Geomet
         assert (tmp_path / "again" / name).read_bytes() == (small / name).read_bytes()
     listed = [faults_of().draw(geometry, seed=seed).listed for seed in (0, 1)]
     assert not listed[0].equals(listed[1])
+
+
+def test_a_run_writes_nothing_and_answers_alike_of_tables_read_back(
+    small: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    findings = STUDY.run(made(), Execution(progress=False))
+    assert list(tmp_path.iterdir()) == []
+    stored = read_run_folder(small)
+    assert set(findings.data) == set(stored.tables) == {"faults", "redraws", "table1"}
+    assert STUDY.answer(findings.data, made()) == STUDY.answer(stored.tables, made())
+    assert stored.document is not None
+    assert stored.document.answer == STUDY.answer(stored.tables, made())
+
+
+def test_the_cost_is_that_of_every_solution() -> None:
+    assert cost_of(made()).scenarios == 80 * 3 * 2
+    receiver = {"kind": "receiver", "observations": "a.rnx", "navigation": "b.rnx", "truth": "1,2,3"}
+    cost = cost_of(made(source=receiver))
+    assert cost.scenarios is None
+    assert cost.seconds is not None
 
 
 # What is drawn.

@@ -18,7 +18,7 @@ from pl_mc.geometry.frames import enu_rotation, geodetic
 from pl_mc.geometry.sites import site_position_m
 from pl_mc.geometry.sp3 import PreciseOrbits, sp3_orbits
 from pl_mc.input_errors import InputError
-from pl_mc.studies.series.sources import SiteSource
+from pl_mc.studies.sources import SiteSource
 from pl_mc.studies.spec import SimulatedGeometry
 
 ORBITS = constellation()

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -13,7 +14,11 @@ from pl_mc.alert import LPV_200
 from pl_mc.engine.events import EVENTS
 from pl_mc.engine.table import with_rates
 from pl_mc.experiments.loading import build_experiment
-from pl_mc.report.figures import save_figure
+from pl_mc.report.document import Chart, Paragraph, TextTable
+from pl_mc.report.files import write_findings
+from pl_mc.report.findings import Findings, Picture, Table, event_quantities
+from pl_mc.studies.registry import study_of
+from pl_mc.studies.spec import kind_of
 from pl_mc.studies.sweep.figures import rates_by_fault_figure
 
 SIZES_M = (10.0, 25.0, 40.0, 55.0)
@@ -28,6 +33,16 @@ CONTENT: dict[str, Any] = {
     "faults": {"satellite": "G07", "start_m": 10.0, "stop_m": 55.0, "step_m": 15.0},
 }
 
+CHART = Chart(title="Rates of events against the bias", curves=("method",), quantities=event_quantities())
+CAPTION = "Protection levels and rates of events, fault by fault."
+SUMMARY = (
+    Paragraph("Geometry: epoch 2, 16 satellites; `0 (< x %)` is a bound."),
+    TextTable(("fault", "alarm"), (("G07", "12 %"),)),
+    Paragraph(
+        "That is 3 of 9, with w_test(alpha=0.00085966165196832,exclusions=0,final=local,p_fa=0.001,p_md=0.0001)."
+    ),
+)
+
 
 def counts(alarms: dict[str, tuple[int, ...]], methods: tuple[str, ...] = ("ls", "igg3")) -> pd.DataFrame:
     """A table of counts: alarms as given by method, every other event never."""
@@ -41,24 +56,38 @@ def counts(alarms: dict[str, tuple[int, ...]], methods: tuple[str, ...] = ("ls",
 
 
 def store_run(
-    folder: Path, rates: pd.DataFrame, *, name: str = "small", with_figure: bool = True, **changes: Any
+    folder: Path,
+    rates: pd.DataFrame,
+    *,
+    name: str = "small",
+    with_figure: bool = True,
+    menus: tuple[str, ...] = (),
+    **changes: Any,
 ) -> Path:
-    """A results folder with that table of rates; ``changes`` are fields of its experiment."""
+    """A results folder with that table of rates; ``changes`` are fields of its experiment.
+
+    Columns of ``menus`` tell rows of the table apart in its chart.
+    """
     folder.mkdir(parents=True)
     record = build_experiment(CONTENT | changes, source="test")
-    rates.to_csv(folder / "rates.csv", index=False)
-    if with_figure:
-        save_figure(rates_by_fault_figure(rates, alert=LPV_200, title=str(record.title)), folder, "rates")
-    (folder / "summary.md").write_text(
-        "# A ramp\n\nGeometry: epoch 2, 16 satellites.\n\n| fault | alarm |\n|---|---|\n| G07 | 12 % |\n\nThat "
-        "is 3 of 9, with w_test(alpha=0.00085966165196832,exclusions=0,final=local,p_fa=0.001,p_md=0.0001).\n"
+    study, title = study_of(record), str(record.title)
+    pictures = [Picture("rates", rates_by_fault_figure(rates, alert=LPV_200, title=title), CAPTION)] * with_figure
+    findings = Findings(
+        summary=SUMMARY,
+        tables=(Table("rates", rates, chart=replace(CHART, menus=menus)),),
+        pictures=tuple(pictures),
+        notes=("Faulted satellite: G07.",),
     )
+    document = write_findings(
+        findings, folder, title=title, kind=kind_of(record), question=study.question,
+        answer=study.answer(findings.data, record), val_m=record.alert_limits().vertical_m,
+    )  # fmt: skip
     manifest = {
         "name": name,
         "experiment": record.model_dump(mode="json"),
         "inputs": {},
         "noise": {"generator": "threefry2x32"},
-        "notes": ["Faulted satellite: G07."],
+        "notes": list(document.notes),
         "versions": {"python": "3", "pl_mc": "0.1.0"},
         "machine": {"system": "Linux"},
         "seconds": 1.5,

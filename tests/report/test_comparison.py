@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import json
+import re
 from pathlib import Path
 
 import numpy as np
@@ -115,8 +117,39 @@ def test_a_comparison_is_written_whole_and_replaces_itself_alone(tmp_path: Path,
     assert (runs[0] / "rates.csv").is_file()
 
 
+def test_charts_are_those_that_a_document_of_the_two_names(tmp_path: Path, runs: tuple[Path, Path]) -> None:
+    def drawn() -> list[list[str]]:
+        text = (write_comparison(*runs, tmp_path / "out").folder / "compare.html").read_text()
+        data = re.search(r'id="chart-data">(.*?)</script>', text)
+        return [chart["curves"] for chart in json.loads(data[1])] if data else []
+
+    both = [["ls (small)", "igg3 (small)", "ls (other)", "igg3(k1=3) (other)"]]
+    assert drawn() == both
+    # Of a version that stored none, what the other says is drawn; of two of them nothing is.
+    (runs[0] / "report.json").unlink()
+    assert drawn() == both
+    (runs[1] / "report.json").unlink()
+    assert drawn() == []
+
+
+def test_runs_of_a_former_kind_are_runs_of_one_kind(tmp_path: Path) -> None:
+    """A map of the version before, and the same as a view of a sweep of today."""
+    ramp = {"start_m": 10.0, "stop_m": 55.0, "step_m": 15.0}
+    folders = []
+    for name, kind in (("before", {"kind": "map"}), ("now", {"kind": "sweep", "view": "map"})):
+        folder = store_run(tmp_path / name, counts(FIRST), with_figure=False)
+        manifest = json.loads((folder / "manifest.json").read_text())
+        fields = {field: value for field, value in manifest["experiment"].items() if field not in ("kind", "view")}
+        manifest["experiment"] = fields | kind | {"faults": ramp}
+        (folder / "manifest.json").write_text(json.dumps(manifest))
+        folders.append(folder)
+    made = write_comparison(*folders, tmp_path / "out")
+    assert made.comparison.fields.empty
+    assert len(made.comparison.rates) == 56
+
+
 def test_runs_of_two_kinds_are_not_compared(tmp_path: Path, runs: tuple[Path, Path]) -> None:
-    text = (runs[1] / "manifest.json").read_text().replace('"sweep"', '"map"')
+    text = (runs[1] / "manifest.json").read_text().replace('"sweep"', '"variants"')
     (runs[1] / "manifest.json").write_text(text)
     with pytest.raises(InputError, match="only runs of one kind"):
         write_comparison(*runs, tmp_path / "out")

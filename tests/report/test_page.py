@@ -5,22 +5,26 @@ from __future__ import annotations
 
 import json
 import re
+from dataclasses import replace
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pandas as pd
 import pytest
 from PIL import Image
-from stored_runs import counts, store_run
+from stored_runs import CAPTION, counts, store_run
 
-from pl_mc.experiments.page import remake_page
+from pl_mc.experiments.loading import build_experiment
+from pl_mc.experiments.page import document_of_files, remake_page
 from pl_mc.input_errors import InputError
-from pl_mc.report.answers import ANSWERS, QUESTIONS, answer_of, quoted
 from pl_mc.report.charts import charts_of
-from pl_mc.report.page import MOST_BYTES, report_page, write_report
-from pl_mc.report.page_figures import caption_of, page_figures
+from pl_mc.report.document import Document, FigureEntry, TableEntry
+from pl_mc.report.page import MOST_BYTES, page_of_run, write_page
+from pl_mc.report.page_figures import page_figures
 from pl_mc.report.run_folder import RunFolder, flat_fields, read_run_folder
-from pl_mc.studies.registry import KINDS
+from pl_mc.studies.registry import KINDS, study_of
+from pl_mc.studies.spec import Experiment
 
 RESULTS = Path(__file__).parents[2] / "results"
 STORED = sorted(path.parent for path in RESULTS.glob("*/manifest.json"))
@@ -28,11 +32,26 @@ OUTSIDE = re.compile(r"""(?:src|href)\s*=\s*["'](?!data:|#)([^"']*)|url\(|@impor
 
 
 def page_of(run: RunFolder) -> str:
-    return report_page(run, meanings={}, shown_as=run.folder)
+    return page_of_run(run, meanings={}, shown_as=run.folder)
+
+
+def document_of(run: RunFolder) -> Document:
+    assert run.document is not None
+    return run.document
+
+
+def experiment_of(run: RunFolder) -> Experiment:
+    return build_experiment(run.experiment, source="manifest.json")
+
+
+def charts_in(run: RunFolder) -> list[dict[str, Any]]:
+    document = document_of(run)
+    return charts_of(document.tables, run.tables, val_m=document.val_m)
 
 
 def test_a_page_has_its_parts_and_refers_to_nothing_outside(small_run: Path) -> None:
-    text = write_report(small_run, meanings={"draws": "noise draws for each fault"}).read_text()
+    write_page(read_run_folder(small_run), meanings={"draws": "noise draws for each fault"})
+    text = (small_run / "report.html").read_text()
     for part in ("What was asked", "The answer", "Charts", "Figures", "Tables", "Choices", "How to redo it"):
         assert f"<h2>{part}</h2>" in text
     # Links to the files beside it are the only ones; nothing is loaded.
@@ -47,7 +66,10 @@ def test_a_page_has_its_parts_and_refers_to_nothing_outside(small_run: Path) -> 
 
 
 def test_the_answer_gives_the_numbers_of_the_table(small_run: Path) -> None:
-    alarms, misleading, missed = answer_of(read_run_folder(small_run))
+    run = read_run_folder(small_run)
+    alarms, misleading, missed = document_of(run).answer
+    # What is read back from files says the same.
+    assert KINDS["sweep"].answer(run.tables, experiment_of(run)) == document_of(run).answer
     assert "least squares (VPL) most often at G07:+55m, all (> 99.1 %)" in alarms
     assert (
         "IGG-III (VPL_R) never, under any of 4 faults, with at least 400 draws of noise each (below 0.918 %)"
@@ -68,7 +90,8 @@ def test_zero_alarms_are_never_called_zero_risk(small_run: Path) -> None:
 
 def test_charts_hold_the_counts_of_the_table(small_run: Path) -> None:
     run = read_run_folder(small_run)
-    (chart,) = charts_of(run)
+    (chart,) = charts_in(run)
+    assert chart["title"] == "Rates of events against the bias"
     assert chart["curves"] == ["least squares (VPL)", "IGG-III (VPL_R)"]
     assert chart["menus"] == []
     assert chart["quantities"][0] == {"label": "alarm", "rate": True}
@@ -86,10 +109,28 @@ def test_columns_that_tell_rows_apart_become_menus(small_run: Path) -> None:
     run = read_run_folder(small_run)
     rates = run.tables["rates"]
     both = pd.concat([rates.assign(satellite="G07"), rates.assign(satellite="G08")])
-    (chart,) = charts_of(RunFolder(**(vars(run) | {"tables": {"both": both}})))
+    (entry,) = document_of(run).tables
+    assert entry.chart is not None
+    told = TableEntry("both", replace(entry.chart, menus=("satellite",)))
+    (chart,) = charts_of([told], {"both": both}, val_m=35.0)
     assert [(menu["label"], menu["values"]) for menu in chart["menus"]] == [("satellite", ["G07", "G08"])]
+    # Where all rows are of one satellite there is nothing to choose.
+    (chart,) = charts_of([told], {"both": both[both.satellite == "G08"]}, val_m=35.0)
+    assert chart["menus"] == []
     # Rows that nothing tells apart cannot be drawn as curves.
-    assert charts_of(RunFolder(**(vars(run) | {"tables": {"twice": pd.concat([rates, rates])}}))) == []
+    assert charts_of([entry], {"rates": pd.concat([rates, rates])}, val_m=35.0) == []
+
+
+def test_what_is_not_said_to_be_drawn_is_not(small_run: Path) -> None:
+    run = read_run_folder(small_run)
+    assert charts_of([TableEntry("rates")], run.tables, val_m=35.0) == []
+    (entry,) = document_of(run).tables
+    # A table that is gone has no chart; one that lacks a column is refused by name.
+    assert charts_of([entry], {}, val_m=35.0) == []
+    with pytest.raises(InputError, match=r"rates: its chart needs columns that are not there: alarm_low\."):
+        charts_of([entry], {"rates": run.tables["rates"].drop(columns="alarm_low")}, val_m=35.0)
+    few = run.tables["rates"][run.tables["rates"].bias_m < 30]
+    assert charts_of([entry], {"rates": few}, val_m=35.0) == []
 
 
 def test_data_of_a_chart_cannot_close_its_element(tmp_path: Path) -> None:
@@ -107,39 +148,45 @@ def test_heavy_figures_are_made_lighter_or_named(tmp_path: Path) -> None:
     grey = np.add.outer(np.arange(300), np.arange(400)) * 0.3 + np.random.default_rng(1).normal(0, 4, (300, 400))
     colours = np.stack([grey, 255 - grey, np.full_like(grey, 90)], axis=-1).clip(0, 255).astype(np.uint8)
     Image.fromarray(colours).save(tmp_path / "rates.png")
-    full = page_figures(tmp_path, ["rates"], title="t", most_bytes=10**6)[0]
+    entries = [FigureEntry("rates", "c.", "c. Drawn in it: x."), FigureEntry("gone", "Taken out.", "Taken out.")]
+    (full,) = page_figures(tmp_path, entries, most_bytes=10**6)
     assert full.data.startswith("data:image/png;base64,")
     assert full.size == (256, 192)
     lengths = [len(full.data)]
     for _ in range(2):
         # First fewer colours, then half the size.
-        one = page_figures(tmp_path, ["rates"], title="t", most_bytes=lengths[-1] - 1)[0]
-        lengths.append(len(one.data))
-        assert one.size == full.size
+        lighter = page_figures(tmp_path, entries, most_bytes=lengths[-1] - 1)[0]
+        lengths.append(len(lighter.data))
+        assert lighter.size == full.size
     assert lengths[0] > lengths[1] > lengths[2] > 0
-    none = page_figures(tmp_path, ["rates"], title="t", most_bytes=100)[0]
+    none = page_figures(tmp_path, entries, most_bytes=100)[0]
     assert none.data == ""
     assert none.files == ("rates.png",)
     assert none.alt == full.alt
 
 
 def test_the_text_in_place_of_a_figure_says_what_is_drawn(small_run: Path) -> None:
-    alt = page_figures(small_run, ["rates"], title="t", most_bytes=10**6)[0].alt
-    for drawn in ("P(alarm)", "G07:+25m", "IGG-III (VPL_R)"):
-        assert drawn in alt
+    (figure,) = page_figures(small_run, document_of(read_run_folder(small_run)).figures, most_bytes=10**6)
+    for drawn in (CAPTION, "P(alarm)", "G07:+25m", "IGG-III (VPL_R)"):
+        assert drawn in figure.alt
+    # Numbers along an axis say nothing, nor do the marks that powers of ten are set with.
+    assert "10^" not in figure.alt
+    assert figure.caption == CAPTION
 
 
 @pytest.mark.parametrize("folder", STORED, ids=lambda folder: folder.name)
 def test_every_stored_result_has_three_sentences_with_numbers(folder: Path) -> None:
     run = read_run_folder(folder)
-    answer = answer_of(run)
+    experiment = experiment_of(run)
+    answer = study_of(experiment).answer(run.tables, experiment)
     assert len(answer) == 3
     for sentence in answer:
         assert re.search(r"\d", sentence)
         assert "nan" not in sentence
         assert sentence.endswith(".")
-    for name in run.figures:
-        assert caption_of(name)
+    document = run.document or document_of_files(run, experiment)
+    assert {entry.name for entry in document.figures} == set(run.figures)
+    assert all(entry.caption.endswith(".") for entry in document.figures)
 
 
 @pytest.mark.parametrize("name", ["igg3-variants", "guo2022-esbc"])
@@ -148,19 +195,19 @@ def test_the_largest_results_stay_below_the_limit(name: str) -> None:
     folder = RESULTS / name
     if not folder.is_dir():
         pytest.skip("the stored results are not here")
-    text = page_of(read_run_folder(folder))
+    run = read_run_folder(folder)
+    if run.document is None:
+        run = replace(run, document=document_of_files(run, experiment_of(run)))
+    text = page_of(run)
     assert len(text.encode()) < MOST_BYTES
     assert "too large for this page" not in text
-    assert text.count("<img ") == len(read_run_folder(folder).figures)
+    assert text.count("<img ") == len(run.figures)
 
 
-def test_a_kind_without_an_answer_quotes_its_summary() -> None:
-    found = "Nothing here. It is 12 % of 9. So 3 m more."
-    text = "\n\n".join(("# T", "From 4 epochs.", "| a |\n|---|\n| 1 |", found, "Notes:", "- 5"))
-    assert quoted(text) == ("It is 12 % of 9.", "So 3 m more.", "From 4 epochs.")
-    assert quoted("") == ("The summary below says what was found.",)
-    assert set(ANSWERS) == set(QUESTIONS)
-    assert set(ANSWERS) <= set(KINDS)
+def test_every_kind_asks_one_question() -> None:
+    for kind, study in KINDS.items():
+        assert study.question.endswith("?"), kind
+    assert len({study.question for study in KINDS.values()}) == len(KINDS)
 
 
 def test_noise_models_are_told_beside_the_gaussian_one(tmp_path: Path) -> None:
@@ -169,14 +216,15 @@ def test_noise_models_are_told_beside_the_gaussian_one(tmp_path: Path) -> None:
         counts({"ls": alarms, "igg3": (0, 0, 0, 0)}).assign(noise=noise)
         for noise, alarms in (("gaussian", (0, 1, 2, 0)), ("student_t", (0, 9, 40, 0)), ("multipath", (3, 0, 0, 0)))
     ]
-    run = read_run_folder(store_run(tmp_path / "run", pd.concat(parts), with_figure=False))
-    alarms, *others = ANSWERS["noise"](run)
+    folder = store_run(tmp_path / "run", pd.concat(parts, ignore_index=True), with_figure=False, menus=("noise",))
+    run = read_run_folder(folder)
+    alarms, *others = KINDS["noise"].answer(run.tables, experiment_of(run))
     assert "least squares (VPL) 0.5 %" in alarms
     assert "at G07:+40m with gaussian, 10 %" in alarms
     assert "at G07:+40m with student_t, the most" in alarms
     assert "IGG-III (VPL_R) 0 (< 0.918 %) with gaussian, 0 (< 0.918 %) with any other model" in alarms
     assert len(others) == 2
-    (chart,) = charts_of(run)
+    (chart,) = charts_in(run)
     assert chart["menus"][0]["values"] == ["gaussian", "student_t", "multipath"]
 
 
@@ -201,3 +249,7 @@ def test_what_is_no_run_is_refused(tmp_path: Path, small_run: Path) -> None:
     (made / "manifest.json").write_text(json.dumps(manifest))
     assert remake_page(made).page == "report.html"
     assert "forgotten_field" in (made / "report.html").read_text()
+    # Without what it said itself there is nobody to ask.
+    (made / "report.json").unlink()
+    with pytest.raises(InputError, match=r"holds no report\.json, and its experiment is not one .*forgotten"):
+        remake_page(made)

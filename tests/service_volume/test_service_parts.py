@@ -123,7 +123,7 @@ def test_shares_make_the_run(tmp_path, monkeypatch):
         "operations": ["CAT-I"],
     }  # fmt: skip
     # Pictures are not what this is about.
-    monkeypatch.setattr("pl_mc.studies.service.run.save_figure", lambda *_: None)
+    monkeypatch.setattr("pl_mc.report.files.save_figure", lambda *_: None)
     experiment = build_experiment(content, source="test")
     for index in (1, 2):
         run_shard("shares", experiment, tmp_path / "day", Execution(shard=(index, 2), progress=False))

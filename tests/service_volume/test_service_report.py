@@ -11,13 +11,14 @@ import numpy as np
 import pandas as pd
 import pytest
 
+from pl_mc.engine import Execution
 from pl_mc.experiments.loading import build_experiment, load_experiment
 from pl_mc.experiments.running import run_experiment
 from pl_mc.input_errors import InputError
-from pl_mc.report.answers import answer_of
 from pl_mc.report.coastlines import coastlines
 from pl_mc.report.run_folder import read_run_folder
 from pl_mc.report.world_map import share_scale
+from pl_mc.studies.service import STUDY
 
 SMALL = """
 kind = "service"
@@ -64,12 +65,39 @@ def test_summary_and_answer_have_the_numbers_of_the_table(folder):
     summary = (folder / "summary.md").read_text()
     assert "18 users in cells of 60 deg, 6 epochs of 7200 s" in summary
     row = world.loc[("LPV-200", "araim")]
-    answer = answer_of(read_run_folder(folder))
+    run = read_run_folder(folder)
+    answer = STUDY.answer(run.tables, build_experiment(run.experiment, source="manifest.json"))
+    # What tables that are read back say is what the run itself said.
+    assert run.document is not None
+    assert answer == run.document.answer
     assert len(answer) == 3
     if row.availability_rate < 1.0:
         assert f"araim {100 * row.availability_rate:.3g}" in answer[0]
     assert f"({int(row.coverage_sites)} of 18 sites)" in answer[1]
     assert "operations of 150 s" in answer[2]
+
+
+def test_the_page_shows_tables_in_csv_alone_and_says_what_figures_show(folder):
+    document = read_run_folder(folder).document
+    assert document is not None
+    assert [entry.name for entry in document.tables] == ["world", "worst_sites", "satellites"]
+    for name in ("sites", "levels", "by_epoch"):
+        assert (folder / f"{name}.parquet").is_file()
+        assert not (folder / f"{name}.csv").exists()
+    captions = {entry.name: entry.caption for entry in document.figures}
+    assert captions["world_availability"] == "Share of the day with service, by method."
+    assert captions["sky"] == "Ways of the satellites over one site."
+    assert len(captions) == len(list(folder.glob("*.png")))
+
+
+def test_a_study_writes_nothing(tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    experiment = build_experiment(
+        tomllib.loads("durations_s = []\n" + SMALL.replace("43200.0", "14400.0")), source="small.toml"
+    )
+    found = STUDY.run(experiment, Execution(progress=False))
+    assert {table.name for table in found.tables if table.stored == "parquet"} == {"sites", "levels", "by_epoch"}
+    assert list(tmp_path.iterdir()) == []
 
 
 def test_the_sky_plot_has_the_epochs_of_the_run():

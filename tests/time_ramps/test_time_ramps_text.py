@@ -7,9 +7,10 @@ import pandas as pd
 
 import pl_mc
 from pl_mc.experiments.loading import load_experiment
+from pl_mc.report.document import Paragraph, TextTable
 from pl_mc.statistics import clopper_pearson
-from pl_mc.studies.time_ramps.run import _notes_on_igg3
-from pl_mc.studies.time_ramps.text import time_ramps_findings
+from pl_mc.studies.time_ramps.run import notes_on_igg3
+from pl_mc.studies.time_ramps.text import findings
 
 PASSES = 1000
 
@@ -34,26 +35,27 @@ def table() -> pd.DataFrame:
 
 
 def test_findings_say_who_alerts_in_time_where_and_at_which_error() -> None:
-    told = time_ramps_findings(table(), alert=pl_mc.LPV_200)
-    assert "late in less than 1 % of passes" in told[1]
-    head, _, *lines = ([cell.strip() for cell in line.strip("|").split("|")] for line in told[3].splitlines())
-    first, second = (dict(zip(head, line, strict=True)) for line in lines)
+    explained, compared = findings(table(), alert=pl_mc.LPV_200)
+    assert isinstance(explained, Paragraph)
+    assert isinstance(compared, TextTable)
+    assert "late in less than 1 % of passes" in explained.text
+    first, second = (dict(zip(compared.header, row, strict=True)) for row in compared.rows)
     assert (first["in time, 6 s"], second["in time, 6 s"]) == ("1 m/s", "every rate")
     # By 30 s nobody is late.
     assert first["in time, 30 s"] == second["in time, 30 s"] == "every rate"
     assert first["most late by 6 s"].endswith("(30 of 1,000), 0.01 m/s")
     assert second["most late by 6 s"] == "0 (< 0.368 %) (0 of 1,000)"
     assert first["error at the alarm"] == "12.00 m [11.00, 13.00] at 0.01 m/s to 15.00 m [14.00, 16.00] at 1 m/s"
-    nothing = time_ramps_findings(table().assign(hazards=0), alert=pl_mc.LPV_200)
-    assert nothing[-1] == "White errors: no ramp took the vertical error beyond 35 m."
+    nothing = findings(table().assign(hazards=0), alert=pl_mc.LPV_200)
+    assert nothing == [Paragraph("White errors: no ramp took the vertical error beyond 35 m.")]
 
 
 def test_igg3_is_least_squares_where_two_satellites_are_redundant() -> None:
     """To the last draw, under a bias that any of its weights would feel; and not with three redundant ones."""
     experiment = load_experiment("time-ramps")[1]
-    (note,) = _notes_on_igg3(experiment, 2)
+    (note,) = notes_on_igg3(experiment, 2)
     assert note.startswith("igg3: with 2 redundant satellites it is least squares by construction")
-    assert _notes_on_igg3(experiment, 3) == ()
+    assert notes_on_igg3(experiment, 3) == ()
     g = experiment.geometry.model_copy(update={"epoch": 300}).build()
     assert g.satellite_count - g.unknown_count == 2
     drawn = pl_mc.sample(g, pl_mc.biases(g, {"G11": 40.0}), draws=200, seed=1, methods=("ls", "igg3"))

@@ -1,4 +1,7 @@
-"""Events: what is counted in a scenario, from a method's outcome and the vertical alert limit."""
+"""Events: what is counted in a scenario, from a method's outcome and the vertical alert limit.
+
+``misleading`` is misleading information (MI) of the literature, ``missed`` hazardously misleading information (HMI).
+"""
 
 from __future__ import annotations
 

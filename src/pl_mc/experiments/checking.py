@@ -13,15 +13,15 @@ from pl_mc.alert import BY_NAME
 from pl_mc.detectors.registry import detector
 from pl_mc.error_models import error_model
 from pl_mc.experiments.cost import Cost, cost_of
-from pl_mc.experiments.kind_checks import checks_of_kind
-from pl_mc.experiments.loading import FieldProblem, field_problems, read_source
+from pl_mc.experiments.loading import field_problems, read_source
 from pl_mc.faults import ramp_sizes_m
 from pl_mc.geometry import Geometry
 from pl_mc.input_errors import InputError, require_choice
 from pl_mc.methods import method
 from pl_mc.noise_models import noise_model
-from pl_mc.studies.registry import KINDS
+from pl_mc.studies.registry import KINDS, in_todays_words, study_of
 from pl_mc.studies.spec import Experiment, SimulatedGeometry
+from pl_mc.studies.validation import FieldProblem
 from pl_mc.time_ramps.registry import sequential
 
 _HEADING = re.compile(r"^\s*(\[{1,2})\s*([^\[\]]+?)\s*\]{1,2}\s*(?:#.*)?$")
@@ -76,28 +76,22 @@ def check_experiment(which: str, overrides: Mapping[str, Any] | None = None, *, 
         InputError: no such experiment, or a file that cannot be read.
     """
     source = read_source(which)
-    content = dict(source.content) | dict(overrides or {})
-    found = {(one.field, one.reason): one for one in field_problems(content)}
-    sound = not found
-    for one in _further_problems(content):
-        # A record names a wrong part as a whole, what follows names it within; each once.
-        found.setdefault((one.field, one.reason), one)
+    content = in_todays_words({**source.content, **(overrides or {})})
+    # A record names a wrong part as a whole, what follows names it within; each once.
+    wrong = list(dict.fromkeys([*field_problems(content), *_further_problems(content)]))
     experiment, cost = None, None
-    if sound and not found:
+    if not wrong:
         experiment = KINDS[content["kind"]].model.model_validate(content)
         try:
             cost = cost_of(experiment, measure=measure)
         except InputError as error:
-            found["", str(error)] = _as_problem(error, "")
+            wrong.append(_as_problem(error, ""))
     lines = field_lines(source.text)
-    problems = sorted(
-        (Problem(one.field, _line(one.field, lines), one.reason) for one in found.values()),
-        key=lambda one: one.line or 0,
-    )
+    problems = [Problem(each.field, _line(each.field, lines), each.reason) for each in wrong]
     return Checked(
         name=source.name,
         file=source.path.name,
-        problems=tuple(problems),
+        problems=tuple(sorted(problems, key=lambda problem: problem.line or 0)),
         experiment=None if problems else experiment,
         cost=None if problems else cost,
     )
@@ -175,9 +169,9 @@ def _further_problems(content: Mapping[str, Any]) -> Iterator[FieldProblem]:
     sizes = content.get("faults")
     if isinstance(sizes, Mapping) and all(isinstance(sizes.get(field), int | float) for field in _RAMP):
         yield from _tried("faults", lambda: ramp_sizes_m(*(float(sizes[field]) for field in _RAMP)))
-    record = _record(content)
-    if record is None:
+    if field_problems(content):
         return
+    record = KINDS[content["kind"]].model.model_validate(content)
     # Whatever the kind's own record can be asked for: files, faults, satellites.
     files = getattr(getattr(record, "source", None), "files", None)
     if callable(files):
@@ -186,21 +180,8 @@ def _further_problems(content: Mapping[str, Any]) -> Iterator[FieldProblem]:
         build = getattr(getattr(record, "faults", None), "build", None)
         if callable(build):
             yield from _tried("faults", lambda: build(geometry))
-    for field, act in checks_of_kind(record, geometry):
+    for field, act in study_of(record).checks(record, geometry):
         yield from _tried(field, act)
-    if str(record.kind) == "observe":  # type: ignore[attr-defined]
-        for field, path in record.input_files().items():
-            if not path.is_file():
-                yield FieldProblem(field, f"{path}: there is no such file.")
-
-
-def _record(content: Mapping[str, Any]) -> Experiment | None:
-    if field_problems(content):
-        return None
-    try:
-        return KINDS[content["kind"]].model.model_validate(content)
-    except ValidationError:
-        return None
 
 
 def _named(given: Any, field: str, make: Callable[..., Any]) -> Iterator[FieldProblem]:

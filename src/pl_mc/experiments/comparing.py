@@ -7,11 +7,12 @@ from pathlib import Path
 from typing import Any
 
 from pl_mc.experiments.loading import build_experiment
-from pl_mc.experiments.output import MANIFEST, result_folder, write_table
+from pl_mc.experiments.output import result_folder
 from pl_mc.input_errors import InputError
 from pl_mc.report.compare_page import comparison_page
 from pl_mc.report.comparison import Comparison, compare_runs
-from pl_mc.report.run_folder import RunFolder, read_run_folder
+from pl_mc.report.files import write_table
+from pl_mc.report.run_folder import MANIFEST, RunFolder, read_run_folder
 
 PAGE = "compare.html"
 

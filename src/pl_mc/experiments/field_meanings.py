@@ -16,8 +16,6 @@ from typing import Any, Literal
 from pydantic import BaseModel
 from pydantic.fields import FieldInfo
 
-from pl_mc.alert import OPERATIONS
-
 SHARED: dict[str, str] = {
     "kind": "what sort of experiment this is",
     "title": "heading of the summary, the figures and the page",
@@ -29,7 +27,6 @@ SHARED: dict[str, str] = {
     "seed": "chooses the noise; the same seed gives the same counts",
     "precision": "precision of the computation",
     "draws": "noise draws for each fault at each epoch",
-    "draws_per_satellite": "noise draws for each bias on every satellite",
     "geometry": "the satellites in view",
     "faults": "which satellites are biased, by how much",
     "source": "where the series of epochs comes from: a site, a flight or a receiver's files",
@@ -43,7 +40,6 @@ SHARED: dict[str, str] = {
     "error_model": "standard deviations of the pseudoranges: residual, none, uire, user or constant",
     "error_options": "options of the error model, as an inline table",
     "epoch": "one epoch of the series, counted from 0; leave out for all of them",
-    "banked_mask": "whether satellites below the mask of the banked aircraft are hidden too",
     "observations": "RINEX 2.11 (GPS alone), 3 or 4 observation file, plain, gzipped or Hatanaka-compressed",
     "navigation": "RINEX 2.11, 3 or 4 navigation file with broadcast ephemerides of that day",
     "truth": "the true position, Earth-fixed X,Y,Z in metres, or a CSV file with a track",
@@ -60,9 +56,6 @@ SHARED: dict[str, str] = {
     "p_sat": "prior probability of a satellite fault, one for all or by satellite",
     "p_const": "prior probability of a constellation fault, one for all or by constellation",
     "noise": "model of the noise, a table with a name and options of its own",
-    "noises": "models of the noise to compare, the first of them gaussian, each a table with a name and options",
-    "rare": "what is left to the rare-event estimator",
-    "exposure": "exposures to errors that are correlated in time",
     "constellation": "whether the biases of a faulty constellation are independent or common",
     "pairs": "pairs of satellites that are computed, the most likely ones first, or all; the rest is bounded by "
     "its prior",
@@ -70,68 +63,12 @@ SHARED: dict[str, str] = {
     "target": "risk that is allowed per approach",
     "target_cov": "relative standard error at which an estimate stops",
     "max_evaluations": "evaluations at which an estimate stops at the latest",
-    "readings": "the readings, each with what it changes of the base",
     "variants": "the variants, each with what differs from the default",
     "budgets": "risk budgets over the fault modes",
-    "compare": "the paper's experiment that the results stand beside",
-    "redraws": "further draws of satellites, sizes and noise",
-    "remarks": "sentences about the choices of the file, for the notes",
 }
 
 # What a record says in passing, where the reader has the rest of it in view; alone it would say too little.
 ALONE: dict[tuple[str, str], str] = {
-    ("BudgetChoice", "sizes_m"): "bias sizes at which a method is estimated, instead of the worst one",
-    ("FaultChoice", "sizes_m"): "biases, one at a time, besides the fault-free case",
-    ("RareChoice", "event"): "the event that is estimated",
-    ("RareChoice", "fewest_events"): "number of counted events below which it is estimated",
-    ("RareChoice", "sizes_m"): "biases under which it is estimated, 0 for no fault",
-    ("RareChoice", "target_cov"): SHARED["target_cov"],
-    ("RareChoice", "max_evaluations"): SHARED["max_evaluations"],
-    ("ExposureChoice", "sizes_m"): "biases, 0 for no fault",
-    ("ExposureChoice", "duration_s"): "length of an exposure",
-    ("ExposureChoice", "interval_s"): "time between the samples of an exposure",
-    ("ExposureChoice", "draws"): "number of exposures",
-    ("ExposureChoice", "event"): "the event that is counted",
-    ("CurveChoice", "target_cov"): SHARED["target_cov"],
-    ("CurveChoice", "max_evaluations"): SHARED["max_evaluations"],
-    ("WorstChoice", "events"): "events for which the worst fault is computed by least squares",
-    (
-        "WorstChoice",
-        "estimated",
-    ): 'satellites whose worst fault is estimated for the other methods; ["all"] for every one in view',
-    ("WorstChoice", "estimated_events"): "events for which that is done",
-    ("WorstChoice", "refined"): "for each of these events, how many satellites, the worst first, get a last "
-    "estimate with noise of its own; all unless given",
-    ("WorstChoice", "target_cov"): SHARED["target_cov"],
-    ("WorstChoice", "max_evaluations"): SHARED["max_evaluations"],
-    ("CalibrationChoice", "event"): "the event whose probability is kept",
-    ("CalibrationChoice", "fewest_draws"): "draws of the counting, at the least",
-    (
-        "CalibrationChoice",
-        "most_draws",
-    ): "draws of the counting, at the most; a target that needs more is left to the rare-event estimator",
-    ("CalibrationChoice", "draws_per_event"): "a target is counted with this number over it as draws, within the "
-    "limits below",
-    (
-        "CalibrationChoice",
-        "rare_faults",
-    ): "how many of the faults, from the first, get targets that cannot be counted",
-    ("CalibrationChoice", "confidence"): "confidence of the bounds of a multiplier that is counted or estimated",
-    ("CalibrationChoice", "target_cov"): SHARED["target_cov"],
-    ("CalibrationChoice", "max_evaluations"): SHARED["max_evaluations"],
-    ("CalibrationChoice", "alarm_satellite"): "satellite of the ramp under which alarms at equal risk are compared",
-    ("CalibrationChoice", "alarm_biases_m"): "biases of that ramp",
-    ("RiskExperiment", "geometry"): "the satellites in view, at one epoch",
-    ("RiskExperiment", "curves"): "risk against the bias",
-    ("RiskExperiment", "worst"): "the worst fault of every satellite",
-    ("RiskExperiment", "budgets"): SHARED["budgets"],
-    ("RiskExperiment", "calibration"): "the multiplier that keeps a target",
-    (
-        "ServiceExperiment",
-        "operations",
-    ): f"operations of the tables, of {', '.join(OPERATIONS)}; the one of the maps is added where it is missing",
-    ("VariantsExperiment", "draws"): "noise draws for each fault",
-    ("VariantsExperiment", "weight_draws"): "draws, of those, whose weights are looked at",
     (
         "Igg3",
         "scale",

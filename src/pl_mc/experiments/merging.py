@@ -8,11 +8,11 @@ from pathlib import Path
 
 from pl_mc.engine import Execution, checkpoint_store
 from pl_mc.experiments.loading import build_experiment
-from pl_mc.experiments.output import MANIFEST
 from pl_mc.experiments.result import RunResult
 from pl_mc.experiments.running import run_experiment
 from pl_mc.experiments.unfinished import RECORD, SUFFIX, Unfinished, read_record
 from pl_mc.input_errors import InputError
+from pl_mc.report.run_folder import MANIFEST
 
 
 def merge(folders: Sequence[Path], out: Path, *, progress: bool | None = None) -> RunResult:

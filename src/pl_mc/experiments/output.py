@@ -13,15 +13,12 @@ import tempfile
 from collections.abc import Iterator, Sequence
 from pathlib import Path
 
-import pandas as pd
-
 from pl_mc.engine import plan
 from pl_mc.engine.identity import environment
 from pl_mc.engine.noise import LANES
 from pl_mc.input_errors import InputError
+from pl_mc.report.run_folder import MANIFEST
 from pl_mc.studies.spec import Experiment
-
-MANIFEST = "manifest.json"
 
 # Packages whose version can change a number or a picture.
 _RECORDED = ("pl_mc", "jax", "jaxlib", "numpy", "scipy", "pandas", "pyarrow", "matplotlib", "pymap3d", "pyrtklib")
@@ -64,13 +61,6 @@ def result_folder(path: Path, *, sign: str = MANIFEST) -> Iterator[Path]:
         raise InputError(f"{path}: the results cannot be written ({_reason(error)}).") from None
     finally:
         shutil.rmtree(working, ignore_errors=True)
-
-
-def write_table(table: pd.DataFrame, folder: Path, name: str, *, parquet: bool = False) -> None:
-    """``name.csv`` with every digit, and ``name.parquet`` where asked for."""
-    table.to_csv(folder / f"{name}.csv", index=False, lineterminator="\n")
-    if parquet:
-        table.to_parquet(folder / f"{name}.parquet", index=False, compression="zstd")
 
 
 def write_manifest(

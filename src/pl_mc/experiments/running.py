@@ -7,10 +7,11 @@ that shares of it can be counted elsewhere and merged.
 from __future__ import annotations
 
 import time
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from dataclasses import replace
 from pathlib import Path
+from typing import Any
 
 from pl_mc.engine import Execution
 from pl_mc.experiments.field_meanings import meanings_of
@@ -18,12 +19,13 @@ from pl_mc.experiments.output import result_folder, write_manifest
 from pl_mc.experiments.result import RunResult
 from pl_mc.experiments.unfinished import Unfinished
 from pl_mc.input_errors import InputError
-from pl_mc.report.answers import answer_of
-from pl_mc.report.page import PAGE, write_report
+from pl_mc.report.files import write_findings
+from pl_mc.report.markdown import to_markdown
+from pl_mc.report.page import PAGE, write_page
 from pl_mc.report.run_folder import read_run_folder
-from pl_mc.studies.planned_sweep import PlannedSweep
-from pl_mc.studies.registry import KINDS, Kind
-from pl_mc.studies.spec import Experiment
+from pl_mc.studies.registry import KINDS, study_of
+from pl_mc.studies.spec import Experiment, kind_of
+from pl_mc.studies.study import Parted, Study
 
 
 class Interrupted(KeyboardInterrupt):
@@ -54,20 +56,28 @@ def run_experiment(
     """
     folder = Path("runs") / name if out is None else Path(out)
     how = execution or Execution()
-    kind = _kind(experiment)
+    study = study_of(experiment)
     if _shared(how):
         _sweeps(experiment)
     begin = time.perf_counter()
     # The output is checked before anything is computed.
-    with result_folder(folder) as working, _parts(name, experiment, folder, kind, how, fresh) as how:
-        summary, notes = kind.run(experiment, working, execution=how)
-        summary = _with_notes(summary, notes)
-        (working / "summary.md").write_text(summary, encoding="utf-8")
-        write_manifest(working, name=name, experiment=experiment, notes=notes, seconds=time.perf_counter() - begin)
-        write_report(working, meanings=meanings_of(experiment), shown_as=folder)
+    with result_folder(folder) as working, _parts(name, experiment, folder, study, how, fresh) as how:
+        findings = study.run(experiment, how)
+        document = write_findings(
+            findings,
+            working,
+            title=experiment.title,
+            kind=kind_of(experiment),
+            question=study.asks(experiment),
+            answer=study.answer(findings.data, experiment),
+            val_m=experiment.alert_limits().vertical_m,
+        )
+        seconds = time.perf_counter() - begin
+        write_manifest(working, name=name, experiment=experiment, notes=document.notes, seconds=seconds)
+        write_page(read_run_folder(working), meanings=meanings_of(experiment), shown_as=folder)
     Unfinished(folder).remove()
-    answer = answer_of(read_run_folder(folder))
-    return RunResult(folder=folder, summary=summary, notes=notes, answer=answer, page=PAGE)
+    summary = to_markdown(document.title, document.summary, document.notes)
+    return RunResult(folder=folder, summary=summary, notes=document.notes, answer=document.answer, page=PAGE)
 
 
 def run_shard(name: str, experiment: Experiment, out: Path | None, execution: Execution) -> RunResult:
@@ -81,23 +91,25 @@ def run_shard(name: str, experiment: Experiment, out: Path | None, execution: Ex
     folder = Path("runs") / name if out is None else Path(out)
     # Shares of one run may store their parts in one folder: those of others are no obstacle.
     how = replace(execution, resume=True)
-    kind, sweeps = _kind(experiment), _sweeps(experiment)
+    sweeps = _sweeps(experiment)
     notes: list[str] = []
-    with _parts(name, experiment, folder, kind, how, fresh=False) as how:
+    with _parts(name, experiment, folder, study_of(experiment), how, fresh=False) as how:
         for planned in sweeps(experiment):
             notes += planned.run(experiment, how).attrs["notes"]
     place = Unfinished(folder)
     index, count = execution.shard
     summary = f"Shard {index} of {count}: {place.part_count} parts are finished; pl-mc merge makes the results.\n"
-    return RunResult(folder=place.folder, summary=_with_notes(summary, notes), notes=tuple(notes))
+    if notes:
+        summary += "\nNotes:\n\n" + "".join(f"- {note}\n" for note in notes)
+    return RunResult(folder=place.folder, summary=summary, notes=tuple(notes))
 
 
 @contextmanager
 def _parts(
-    name: str, experiment: Experiment, folder: Path, kind: Kind, how: Execution, fresh: bool
+    name: str, experiment: Experiment, folder: Path, study: Study, how: Execution, fresh: bool
 ) -> Iterator[Execution]:
     """The way to run with a folder for parts, which goes when nothing in it is worth keeping."""
-    if kind.sweeps is None:
+    if study.sweeps is None:
         yield how
         return
     place = Unfinished(folder)
@@ -113,23 +125,14 @@ def _parts(
         place.remove_if_empty()
 
 
-def _with_notes(summary: str, notes: Sequence[str]) -> str:
-    return summary + "\nNotes:\n\n" + "".join(f"- {note}\n" for note in notes) if notes else summary
-
-
-def _kind(experiment: Experiment) -> Kind:
-    kind: str = experiment.kind  # type: ignore[attr-defined]
-    return KINDS[kind]
-
-
-def _sweeps(experiment: Experiment) -> Callable[..., tuple[PlannedSweep, ...]]:
+def _sweeps(experiment: Experiment) -> Callable[[Any], tuple[Parted, ...]]:
     """What names the sweeps of an experiment; an `InputError` for a kind that is not made of parts."""
-    sweeps = _kind(experiment).sweeps
+    sweeps = study_of(experiment).sweeps
     if sweeps is None:
-        able = ", ".join(key for key, one in KINDS.items() if one.sweeps is not None)
+        able = ", ".join(kind for kind, study in KINDS.items() if study.sweeps is not None)
         raise InputError(
-            f"experiment: runs of the kind {experiment.kind} are not made of parts that can be stored or shared "  # type: ignore[attr-defined]
-            f"(kinds that are: {able})."
+            f"experiment: runs of the kind {kind_of(experiment)} are not made of parts that can be stored or "
+            f"shared (kinds that are: {able})."
         )
     return sweeps
 

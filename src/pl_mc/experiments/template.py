@@ -21,21 +21,10 @@ from pl_mc.experiments.loading import build_experiment, experiment_files, load_e
 from pl_mc.input_errors import InputError, nearest
 from pl_mc.methods.registry import METHODS
 from pl_mc.noise_models import NOISE_MODELS
-from pl_mc.studies.registry import KINDS
-from pl_mc.studies.spec import Experiment
+from pl_mc.studies.registry import KINDS, in_todays_words, study_of
+from pl_mc.studies.spec import Experiment, kind_of
 
 _WIDTH = 110
-
-# Kinds that need files of the user's own, of which no experiment comes with the package.
-_OWN_FILES: dict[str, dict[str, Any]] = {
-    "observe": {
-        "kind": "observe",
-        "title": "Position errors and protection levels",
-        "observations": "OBSERVATIONS.rnx.gz",
-        "navigation": "NAVIGATION.rnx.gz",
-        "truth": "X,Y,Z",
-    },
-}
 
 
 def template_for(which: str) -> str:
@@ -50,12 +39,14 @@ def template_for(which: str) -> str:
     known = experiment_files()
     if which in known:
         return template(load_experiment(which)[1])
-    if which in _OWN_FILES:
-        return template(build_experiment(_OWN_FILES[which], source=which))
-    if which in KINDS:
+    # A former kind is an option of one of today.
+    wanted = in_todays_words({"kind": which})
+    if wanted["kind"] in KINDS:
+        if outline := KINDS[wanted["kind"]].outline:
+            return template(build_experiment({**outline, **wanted}, source=which))
         for name in known:
             record = load_experiment(name)[1]
-            if _kind(record) == which:
+            if all(getattr(record, field, None) == value for field, value in wanted.items()):
                 return template(record)
         raise InputError(f"{which}: no experiment of this kind comes with the package (names: {', '.join(known)}).")
     raise InputError(f"{which}: it is neither an experiment nor a kind ({nearest(which, {**known, **KINDS})}).")
@@ -63,10 +54,10 @@ def template_for(which: str) -> str:
 
 def template(experiment: Experiment) -> str:
     """The text of an experiment file that holds ``experiment``, with a comment above every field."""
-    described = (KINDS[_kind(experiment)].model.__doc__ or "").strip().splitlines()
+    described = (study_of(experiment).model.__doc__ or "").strip().splitlines()
     about = described[0].rstrip(".").replace("`", "") if described else ""
     head = [
-        *_comment(f"An experiment of the kind {_kind(experiment)}: {about[:1].lower()}{about[1:]}."),
+        *_comment(f"An experiment of the kind {kind_of(experiment)}: {about[:1].lower()}{about[1:]}."),
         *_comment(
             "Above every field: its meaning and, in brackets, what it may be and its default. Lines that begin "
             "with # are comments; a field that is left out has its default. Tables of the same sort that follow "
@@ -76,10 +67,6 @@ def template(experiment: Experiment) -> str:
         "",
     ]
     return "\n".join([*head, *_record(experiment, "")]).rstrip() + "\n"
-
-
-def _kind(experiment: Experiment) -> str:
-    return str(experiment.kind)  # type: ignore[attr-defined]
 
 
 def _record(record: BaseModel, path: str, *, again: bool = False) -> list[str]:

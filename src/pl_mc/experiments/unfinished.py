@@ -4,11 +4,12 @@ from __future__ import annotations
 
 import json
 import shutil
-from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
+from pl_mc.experiments.loading import build_experiment
 from pl_mc.input_errors import InputError
+from pl_mc.report.run_folder import changed_fields
 from pl_mc.studies.spec import Experiment
 
 RECORD = "experiment.json"
@@ -47,11 +48,13 @@ class Unfinished:
                     f"{self.folder}: {self.part_count} finished parts of an earlier run are here; --resume goes on "
                     "with it, --fresh starts anew."
                 )
-            changed = _changes(read_record(self.folder)["experiment"], content["experiment"])
+            before = _in_this_version(read_record(self.folder)["experiment"])
+            changed = changed_fields(before, content["experiment"])
             if changed:
+                fields = "; ".join(f"{field}: {old} before, {new} now" for field, old, new in changed)
                 raise InputError(
-                    f"{self.folder}: the unfinished run is one of another experiment ({'; '.join(changed)}); "
-                    "--fresh starts anew."
+                    f"{self.folder}: the unfinished run is one of another experiment ({fields}); --fresh starts "
+                    "anew."
                 )
         try:
             self.folder.mkdir(parents=True, exist_ok=True)
@@ -79,22 +82,9 @@ def read_record(folder: Path) -> dict[str, Any]:
         raise InputError(f"{folder}: no record of an unfinished run ({RECORD}) is here.") from None
 
 
-def _changes(before: Mapping[str, Any], now: Mapping[str, Any]) -> list[str]:
-    old, new = dict(_flat(before)), dict(_flat(now))
-    fields = [*old, *(field for field in new if field not in old)]
-    return [
-        f"{field}: {old.get(field, 'nothing')} before, {new.get(field, 'nothing')} now"
-        for field in fields
-        if old.get(field) != new.get(field)
-    ]
-
-
-def _flat(content: Any, prefix: str = "") -> list[tuple[str, Any]]:
-    """Leaves with their paths: ``geometry.epochs``, ``faults.biases.0.G02``."""
-    if isinstance(content, Mapping):
-        items = [(str(key), value) for key, value in content.items()]
-    elif isinstance(content, list | tuple):
-        items = [(str(k), value) for k, value in enumerate(content)]
-    else:
-        return [(prefix, content)]
-    return [leaf for key, value in items for leaf in _flat(value, f"{prefix}.{key}" if prefix else key)]
+def _in_this_version(content: dict[str, Any]) -> dict[str, Any]:
+    """The record of an earlier version as this one would write it, with the defaults of fields that it lacked."""
+    try:
+        return build_experiment(content, source=RECORD).model_dump(mode="json")
+    except InputError:
+        return content

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -11,7 +10,7 @@ import pandas as pd
 
 from pl_mc.report.charts import charts_of
 from pl_mc.report.comparison import Comparison, combined_tables, row_name
-from pl_mc.report.page import charts_within_limit, json_in_page, render
+from pl_mc.report.page import charts_within_limit, render
 from pl_mc.report.page_tables import PageColumn, PageTable, page_table
 from pl_mc.report.run_folder import RunFolder
 from pl_mc.report.text import percent
@@ -21,8 +20,12 @@ _MOST_ROWS = 2_000
 
 
 def comparison_page(first: RunFolder, second: RunFolder, found: Comparison) -> str:
-    """The page as text."""
-    charts = charts_within_limit(charts_of(replace(first, tables=combined_tables(first, second, found.names))))
+    """The page as text; what is drawn is what a document of the two says, preferably that of the first."""
+    document = first.document or second.document
+    charts: list[dict[str, Any]] = []
+    if document is not None:
+        tables = combined_tables(first, second, found.names)
+        charts = charts_within_limit(charts_of(document.tables, tables, val_m=document.val_m))
     return render(
         "compare.html",
         {
@@ -32,7 +35,6 @@ def comparison_page(first: RunFolder, second: RunFolder, found: Comparison) -> s
             "fields": _fields(found.fields, found.names),
             "rates": _rates(found) if len(found.rates) else None,
             "charts": charts,
-            "chart_data": json_in_page(charts),
             "folders": [Path(run.folder).as_posix() for run in (first, second)],
         },
     )

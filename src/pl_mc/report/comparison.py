@@ -17,8 +17,10 @@ from scipy import special
 
 from pl_mc.engine.events import EVENTS
 from pl_mc.input_errors import InputError
-from pl_mc.report.run_folder import RunFolder, flat_fields, value_text
-from pl_mc.report.text import markdown_table, percent
+from pl_mc.report.document import Block, Bullets, Paragraph, TextTable
+from pl_mc.report.markdown import to_markdown
+from pl_mc.report.run_folder import RunFolder, changed_fields
+from pl_mc.report.text import percent
 from pl_mc.statistics.intervals import difference_bounds
 
 CONFIDENCE = 0.95
@@ -65,20 +67,17 @@ class Comparison:
         chance = (1 - CONFIDENCE) * number
         return (
             f"{differ:,} of {number:,} rates differ: their {100 * CONFIDENCE:.0f} % interval leaves 0 out. By "
-            "chance alone, "
-            f"were they equal and independent, at most about {chance:.0f} would."
+            f"chance alone, were they equal and independent, at most about {chance:.0f} would."
         )
 
     @property
     def text(self) -> str:
         """A screen of text in Markdown: what was asked differently, the verdict, the largest differences."""
         first, second = self.names
-        parts = [f"# {second} against {first}", ""]
+        asked: Block = Paragraph("The two experiments are the same in every field.")
         if len(self.fields):
-            parts += [markdown_table(["field", first, second], self.fields.itertuples(index=False)), ""]
-        else:
-            parts += ["The two experiments are the same in every field.", ""]
-        parts += [self.verdict, ""]
+            asked = TextTable.of(["field", first, second], self.fields.itertuples(index=False))
+        blocks = [asked, Paragraph(self.verdict)]
         if len(self.rates) and self.rates.differs.any():
             largest = self.rates[self.rates.differs]
             largest = largest.loc[largest.difference.abs().sort_values(ascending=False, kind="stable").index]
@@ -92,13 +91,13 @@ class Comparison:
                 ]
                 for row in largest.head(_SHOWN).to_dict("records")
             ]
-            parts += [
-                f"The largest of them, in points of per cent (all: {len(self.rates):,} rows of compare.csv):",
-                "",
-                markdown_table(["row", "event", first, second, "difference"], rows),
-                "",
-            ]
-        return "\n".join([*parts, *(f"- {note}" for note in self.notes)])
+            blocks += [
+                Paragraph(
+                    f"The largest of them, in points of per cent (all: {len(self.rates):,} rows of compare.csv):"
+                ),
+                TextTable.of(["row", "event", first, second, "difference"], rows),
+            ]  # fmt: skip
+        return to_markdown(f"{second} against {first}", [*blocks, Bullets(self.notes)]).rstrip()
 
 
 def compare_runs(first: RunFolder, second: RunFolder) -> Comparison:
@@ -109,20 +108,19 @@ def compare_runs(first: RunFolder, second: RunFolder) -> Comparison:
     """
     if first.kind != second.kind:
         raise InputError(
-            f"{second.folder}: it is of the kind {second.kind} and {first.folder} of the kind {first.kind}; "
-            "only runs of "
-            "one kind can be compared."
+            f"{second.folder}: it is of the kind {second.kind} and {first.folder} of the kind {first.kind}; only "
+            "runs of one kind can be compared."
         )
     names = _names(first, second)
     same = _same_noise(first, second)
     notes: list[str] = []
-    found = [
-        part
-        for name in first.tables
+    parts = [
+        _rates(name, table, second.tables[name], notes)
+        for name, table in first.tables.items()
         if name in second.tables
-        and (part := _rates(name, first.tables[name], second.tables[name], notes)) is not None
     ]
-    rates = pd.concat(found, ignore_index=True) if found else pd.DataFrame()
+    counted = [part for part in parts if part is not None]
+    rates = pd.concat(counted, ignore_index=True) if counted else pd.DataFrame()
     if same and len(rates):
         by_epoch = _by_epoch(first.folder, second.folder)
         paired = 0
@@ -161,33 +159,23 @@ def _given(value: Any) -> bool:
 
 
 def _names(first: RunFolder, second: RunFolder) -> tuple[str, str]:
-    for one, other in (
-        (first.name, second.name),
-        (first.folder.absolute().name, second.folder.absolute().name),
-        (first.folder.as_posix(), second.folder.as_posix()),
-    ):
-        if one != other:
-            return one, other
-    return f"{first.name}, first", f"{second.name}, second"
+    """What the two are called: the first of their names that are not the same."""
+    old, new = (
+        (run.name, run.folder.absolute().name, run.folder.as_posix(), f"{run.name}, {place}")
+        for run, place in ((first, "first"), (second, "second"))
+    )
+    return next(names for names in zip(old, new, strict=True) if names[0] != names[1])
 
 
 def _fields(first: RunFolder, second: RunFolder) -> pd.DataFrame:
-    old, new = flat_fields(first.experiment), flat_fields(second.experiment)
-    paths = [*old, *(path for path in new if path not in old)]
-    rows = [
-        (path, _text(old, path), _text(new, path)) for path in paths if old.get(path, paths) != new.get(path, paths)
-    ]
-    versions = dict(first.manifest.get("versions", {})), dict(second.manifest.get("versions", {}))
+    old, new = (dict(run.manifest.get("versions", {})) for run in (first, second))
+    rows = changed_fields(first.experiment, second.experiment)
     rows += [
-        (f"version of {name}", str(versions[0].get(name, "none")), str(versions[1].get(name, "none")))
-        for name in dict.fromkeys([*versions[0], *versions[1]])
-        if versions[0].get(name) != versions[1].get(name)
+        (f"version of {name}", str(old.get(name, "none")), str(new.get(name, "none")))
+        for name in old | new
+        if old.get(name) != new.get(name)
     ]
     return pd.DataFrame(rows, columns=["field", "first", "second"])
-
-
-def _text(fields: Mapping[str, Any], path: str) -> str:
-    return value_text(fields[path]) if path in fields else "nothing"
 
 
 def _same_noise(first: RunFolder, second: RunFolder) -> bool:
@@ -257,7 +245,7 @@ def _renamed(first: pd.DataFrame, second: pd.DataFrame, notes: list[str]) -> pd.
     left = [name for name in old if name not in new]
     pairs: dict[str, str] = {}
     for name in alone:
-        partner = next((one for one in left if one.split("(")[0] == name.split("(")[0]), None)
+        partner = next((other for other in left if other.split("(")[0] == name.split("(")[0]), None)
         if partner is not None:
             left.remove(partner)
             pairs[name] = partner
@@ -319,17 +307,13 @@ def _with_paired_bounds(
 def _noise_note(paired: int, number: int) -> str:
     rest = (
         "two counts are known and not which draws agree, so that a paired interval is not to be had: theirs is "
-        "that of the "
-        "difference of two independent proportions (Newcombe's hybrid score), which is too wide where the runs' "
-        "events "
-        "go together, as they mostly do"
+        "that of the difference of two independent proportions (Newcombe's hybrid score), which is too wide where "
+        "the runs' events go together, as they mostly do"
     )
+    same = "Both runs saw the same noise"
     if paired == 0:
-        return f"Both runs saw the same noise, but of each rate only {rest}."
-    start = (
-        f"Both runs saw the same noise: {paired:,} of {number:,} intervals are those of the paired differences of "
-        "epochs"
-    )
+        return f"{same}, but of each rate only {rest}."
+    start = f"{same}: {paired:,} of {number:,} intervals are those of the paired differences of epochs"
     return f"{start}." if paired == number else f"{start}; of the others only {rest}."
 
 
@@ -337,7 +321,7 @@ def combined_tables(first: RunFolder, second: RunFolder, names: Sequence[str]) -
     """Tables of both runs under each other, the run's name in that of the method or test, to be drawn together."""
     tables = {}
     for name, old in first.tables.items():
-        column = next((one for one in ("variant", "method", "test") if one in old), None)
+        column = next((column for column in ("variant", "method", "test") if column in old), None)
         if column is None or name not in second.tables or list(second.tables[name]) != list(old):
             continue
         parts = [

@@ -3,15 +3,17 @@
 from __future__ import annotations
 
 import functools
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, ParamSpec
 
 import matplotlib as mpl
+import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
+from numpy.typing import ArrayLike, NDArray
 
 _LOOK: Any = {
     "svg.hashsalt": "pl_mc",
@@ -48,6 +50,9 @@ _STYLES = (
     SeriesStyle("#E69F00", "--", "P"),
 )
 
+# Lines at values to compare with, thinner than any limit.
+DOTTED: Any = {"color": "0.15", "linewidth": 1.0, "linestyle": ":", "zorder": 1.5}
+
 _LABELS = {"ls": "least squares (VPL)", "igg3": "IGG-III (VPL_R)"}
 
 
@@ -76,13 +81,34 @@ def method_label(name: str) -> str:
 
 
 def new_figure(
-    rows: int, columns: int, *, width_in: float, height_in: float, **options: Any
+    rows: int, columns: int, *, width_in: float, height_in: float, title: str | None = None, **options: Any
 ) -> tuple[Figure, list[Axes]]:
     """A figure and its axes, row by row; call it inside a function that is `in_common_look`."""
     figure = Figure(figsize=(width_in, height_in), layout="constrained")
     FigureCanvasAgg(figure)
     axes = figure.subplots(rows, columns, squeeze=False, **options)
+    if title is not None:
+        figure.suptitle(title, x=0.01, ha="left", fontsize=11)
     return figure, list(axes.flat)
+
+
+def bar_lengths(value: ArrayLike, low: ArrayLike, high: ArrayLike) -> NDArray[np.float64]:
+    """Lengths of interval bars below and above a value, as ``errorbar`` takes them; none below zero by rounding."""
+    middle, lowest, highest = (np.asarray(part, dtype=np.float64) for part in (value, low, high))
+    return np.maximum(np.vstack([middle - lowest, highest - middle]), 0.0)
+
+
+def note(axes: Axes, text: str, at: tuple[Any, Any], *, shift: tuple[float, float], **options: Any) -> None:
+    """A small text beside a point, shifted by so many dots of print; options are those of ``annotate``."""
+    axes.annotate(text, at, xytext=shift, textcoords="offset points", **{"fontsize": 8, **options})
+
+
+def legend_below(figure: Figure, panels: Iterable[Axes], *, columns: int) -> None:
+    """One legend below all panels, each name once."""
+    handles = {
+        label: handle for panel in panels for handle, label in zip(*panel.get_legend_handles_labels(), strict=True)
+    }
+    figure.legend(list(handles.values()), list(handles), loc="outside lower left", ncols=columns)
 
 
 def limit_line(axes: Axes, value: float, label: str) -> None:

@@ -10,8 +10,8 @@ from typing import Any
 
 import pandas as pd
 
-from pl_mc.alert import BY_NAME, LPV_200, AlertLimits
 from pl_mc.input_errors import InputError, nearest
+from pl_mc.report.document import Document, read_document
 
 MANIFEST = "manifest.json"
 SUMMARY = "summary.md"
@@ -29,6 +29,7 @@ class RunFolder:
         summary: text of ``summary.md``.
         tables: the CSV tables by file name without ending.
         figures: names of figures without ending, in alphabetical order.
+        document: what the run has to say; none where it is of a version that stored none.
     """
 
     folder: Path
@@ -38,6 +39,7 @@ class RunFolder:
     summary: str
     tables: Mapping[str, pd.DataFrame]
     figures: tuple[str, ...]
+    document: Document | None
 
     @property
     def kind(self) -> str:
@@ -53,11 +55,6 @@ class RunFolder:
     def notes(self) -> tuple[str, ...]:
         """Sentences about what was left out or chosen."""
         return tuple(str(note) for note in self.manifest.get("notes", ()))
-
-    @property
-    def alert(self) -> AlertLimits:
-        """The alert limits."""
-        return BY_NAME.get(str(self.experiment.get("alert")), LPV_200)
 
 
 def read_run_folder(folder: Path) -> RunFolder:
@@ -93,6 +90,7 @@ def read_run_folder(folder: Path) -> RunFolder:
         summary=text,
         tables=tables,
         figures=tuple(sorted(figures)),
+        document=read_document(folder),
     )
 
 
@@ -111,6 +109,20 @@ def flat_fields(content: Any, prefix: str = "") -> dict[str, Any]:
     for key, value in items:
         leaves |= flat_fields(value, f"{prefix}.{key}" if prefix else key)
     return leaves
+
+
+def changed_fields(before: Any, now: Any) -> list[tuple[str, str, str]]:
+    """Leaves that differ: path, value before, value now, as text; ``nothing`` where a leaf is not there."""
+    old, new = flat_fields(before), flat_fields(now)
+
+    def text(fields: Mapping[str, Any], path: str) -> str:
+        return value_text(fields[path]) if path in fields else "nothing"
+
+    return [
+        (path, text(old, path), text(new, path))
+        for path in old | new
+        if (path in old) != (path in new) or old.get(path) != new.get(path)
+    ]
 
 
 def value_text(value: Any) -> str:

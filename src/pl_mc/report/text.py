@@ -7,9 +7,19 @@ from collections.abc import Iterable, Sequence
 from typing import Any
 
 import numpy as np
+import pandas as pd
 from numpy.typing import ArrayLike
 
+from pl_mc.alert import AlertLimits
+from pl_mc.report.figures import method_label
 from pl_mc.statistics.intervals import clopper_pearson
+
+# How an answer begins its sentence about an event, to be formatted with the vertical alert limit as ``val``.
+EVENT_MEANS = {
+    "alarm": "Alarms",
+    "misleading": "Misleading information (vertical error beyond the protection level, no alarm)",
+    "missed": "Missed detections (vertical error beyond the alert limit of {val:g} m, no alarm)",
+}
 
 
 def rate_text(count: int, total: int, low: float, high: float) -> str:
@@ -25,12 +35,22 @@ def rate_text(count: int, total: int, low: float, high: float) -> str:
     return f"{percent(count / total)} % [{lower}, {percent(high)}]"
 
 
+def counted_rate(count: int, total: int) -> str:
+    """The rate of what was counted, with 95 % Clopper-Pearson bounds."""
+    low, high = clopper_pearson(count, total)
+    return rate_text(count, total, float(low), float(high))
+
+
 def share_text(seen: ArrayLike) -> str:
     """How many of some epochs: ``3: 1.5 % [0.3, 4.3]``, with 95 % Clopper-Pearson bounds."""
     flags = np.asarray(seen, dtype=bool)
     count = int(flags.sum())
-    low, high = clopper_pearson(count, flags.size)
-    return f"{count}: {rate_text(count, flags.size, float(low), float(high))}"
+    return f"{count}: {counted_rate(count, flags.size)}"
+
+
+def share_of(count: int, total: int) -> str:
+    """``3 of 200 (1.5 % [0.3, 4.3])``, with 95 % Clopper-Pearson bounds."""
+    return f"{count} of {total:,} ({counted_rate(count, total)})" if total else "0 of 0"
 
 
 def event_text(row: Any, event: str) -> str:
@@ -65,3 +85,49 @@ def markdown_table(header: Sequence[str], rows: Iterable[Sequence[object]]) -> s
     lines = ["| " + " | ".join(cell.ljust(w) for cell, w in zip(row, widths, strict=True)) + " |" for row in cells]
     lines.insert(1, "|" + "|".join("-" * (w + 2) for w in widths) + "|")
     return "\n".join(lines)
+
+
+def method_key(names: Iterable[str]) -> str:
+    """``ls: least squares (VPL); igg3: IGG-III (VPL_R).``, of the methods whose label says more than their name."""
+    return "; ".join(f"{name}: {method_label(name)}" for name in names if method_label(name) != name) + "."
+
+
+def listed(words: Sequence[str]) -> str:
+    """``a, b and c``."""
+    return words[0] if len(words) == 1 else f"{', '.join(words[:-1])} and {words[-1]}"
+
+
+def span(low: int, high: int) -> str:
+    """``16-19``, or one number where both are the same."""
+    return f"{low}" if low == high else f"{low}-{high}"
+
+
+def event_sentences(table: pd.DataFrame, alert: AlertLimits) -> tuple[str, ...]:
+    """A sentence for each event of `EVENT_MEANS`: at which fault it is most frequent, method by method.
+
+    Args:
+        table: rates, one row per method and fault.
+        alert: alert limits.
+    """
+    sentences = []
+    for event, means in EVENT_MEANS.items():
+        # Methods of which the same is to be said share one clause.
+        said: dict[str, list[str]] = {}
+        for name, group in table.groupby("method", sort=False):
+            said.setdefault(_most(group, event), []).append(method_label(str(name)))
+        clauses = "; ".join(f"{listed(names)} {what}" for what, names in said.items())
+        sentences.append(f"{means.format(val=alert.vertical_m)}: {clauses}.")
+    return tuple(sentences)
+
+
+def _most(group: pd.DataFrame, event: str) -> str:
+    rate = group[f"{event}_rate"]
+    if not rate.max() > 0:
+        # Faults that share their noise have fewer independent draws than draws.
+        draws = group["independent_draws" if "independent_draws" in group else "draws"]
+        faults = f"any of {len(group)} faults" if len(group) > 1 else "the one fault"
+        return (
+            f"never, under {faults}, with at least {int(draws.min()):,} draws of noise each "
+            f"(below {percent(group[f'{event}_high'].max())} %)"
+        )
+    return f"most often at {group.loc[rate.idxmax(), 'fault']}, {event_text(group.loc[rate.idxmax()], event)}"

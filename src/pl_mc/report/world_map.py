@@ -60,14 +60,9 @@ def world_figure(
     rows = -(-len(panels) // columns)
     width_in = 6.3 if columns == 1 else 4.2
     figure, axes = new_figure(
-        rows,
-        columns,
-        width_in=0.9 + width_in * columns,
-        height_in=0.55 + width_in * rows / 2,
-        sharex=True,
-        sharey=True,
-    )
-    figure.suptitle(title, x=0.01, ha="left", fontsize=11)
+        rows, columns, width_in=0.9 + width_in * columns, height_in=0.55 + width_in * rows / 2, title=title,
+        sharex=True, sharey=True,
+    )  # fmt: skip
     known = [values[np.isfinite(values)] for values in panels.values()]
     every = np.concatenate(known) if any(part.size for part in known) else np.zeros(1)
     low, high = limits or (float(every.min()), float(every.max()))

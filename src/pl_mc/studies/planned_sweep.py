@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import shutil
 from collections.abc import Iterator
 from dataclasses import dataclass
 from pathlib import Path
@@ -56,14 +55,11 @@ class PlannedSweep:
             execution=execution.inside(self.name),
         )
 
-    def rows(self, execution: Execution) -> Iterator[pd.DataFrame]:
-        """The rows of every epoch, part by part, of a sweep that has run."""
+    def stored(self, execution: Execution) -> Path:
+        """The folder with the rows of every epoch, of a sweep that has run; `pandas.read_parquet` reads it."""
         assert execution.folder is not None
-        return read_rows(execution.folder / self.name)
+        return execution.folder / self.name
 
-    def keep_rows(self, execution: Execution, folder: Path) -> None:
-        """Copy the rows of every epoch into ``folder/epochs``, from where `pandas.read_parquet` reads them."""
-        assert execution.folder is not None
-        shutil.copytree(
-            execution.folder / self.name, folder / "epochs", ignore=shutil.ignore_patterns(".*"), dirs_exist_ok=True
-        )
+    def rows(self, execution: Execution) -> Iterator[pd.DataFrame]:
+        """These rows, part by part."""
+        return read_rows(self.stored(execution))

@@ -1,19 +1,23 @@
-"""Parts that experiment files have in common: geometry, methods, alert limits, and what they are made into."""
+"""Parts that experiment files have in common: geometry, faults, noise, methods, and what they are made into."""
 
 from __future__ import annotations
 
+import dataclasses
 from collections.abc import Mapping
 from pathlib import Path
-from typing import Any, Literal
+from typing import Annotated, Any, Literal
 
-from pydantic import BaseModel, ConfigDict, Field
+import numpy as np
+from pydantic import BaseModel, ConfigDict, Discriminator, Field, Tag
 
 from pl_mc.alert import BY_NAME, AlertLimits
 from pl_mc.engine.checks import LARGEST_SEED
 from pl_mc.error_models import ErrorModel, error_model
-from pl_mc.geometry import Geometry, simulate
-from pl_mc.input_errors import require_choice
+from pl_mc.faults import Faults, biases, no_fault, ramps
+from pl_mc.geometry import Geometry, redundancy_numbers, simulate
+from pl_mc.input_errors import InputError, nearest, require_choice
 from pl_mc.methods import Method, as_methods, method
+from pl_mc.noise_models import NoiseModel, noise_model
 
 
 class Strict(BaseModel):
@@ -60,6 +64,13 @@ class SimulatedGeometry(Strict):
             error_model=self.model(),
         )
         return series if self.epoch is None else series[self.epoch]
+
+    def one_epoch(self) -> Geometry:
+        """The one epoch asked for; an `InputError` where this is a series."""
+        built = self.build()
+        if built.is_series:
+            raise InputError("geometry.epoch: this kind of experiment needs one epoch.")
+        return built
 
     def model(self) -> ErrorModel:
         """The error model."""
@@ -119,7 +130,103 @@ class Experiment(Strict):
         return satellite_files(getattr(self, "geometry", None), "geometry")
 
 
+def kind_of(experiment: Experiment) -> str:
+    """The kind of an experiment, which every record but the common one has as a field."""
+    return str(experiment.kind)  # type: ignore[attr-defined]
+
+
 def satellite_files(part: object, field: str) -> dict[str, Path]:
     """The almanac or the SP3 file of a simulated part of an experiment, by field; nothing where it has none."""
     paths = {f"{field}.{name}": getattr(part, name, None) for name in ("almanac", "sp3")}
     return {name: path for name, path in paths.items() if path is not None}
+
+
+class RampSizes(Strict):
+    """Biases of the ramp [m]."""
+
+    start_m: float
+    stop_m: float
+    step_m: float
+
+
+class RampFaults(Strict):
+    """The same ramp on one satellite.
+
+    ``otherwise = "median_redundancy"``: where the satellite is out of view, the satellite of its system with the
+    median redundancy number takes its place (the lower one of two), which the summary says.
+    """
+
+    satellite: str
+    otherwise: Literal["median_redundancy"] | None = None
+    start_m: float
+    stop_m: float
+    step_m: float
+
+    def build(self, g: Geometry) -> tuple[Faults, tuple[str, ...]]:
+        """The faults, and a sentence about the satellite."""
+        name, why = self.satellite, "as asked for"
+        if name not in g.names and self.otherwise is not None:
+            name = median_redundancy_satellite(g, system=self.satellite[:1])
+            why = f"{self.satellite} is out of view; {name} has the median redundancy number of its system"
+        faults = ramps(g, satellites=[name], start_m=self.start_m, stop_m=self.stop_m, step_m=self.step_m)
+        if g.is_series:
+            return faults, (f"Faulted satellite: {name} ({why}).",)
+        row = g.names.index(name)
+        elevation = np.degrees(g.elevation_rad[row])
+        redundancy = redundancy_numbers(g)[row]
+        return faults, (
+            f"Faulted satellite: {name} ({why}); elevation {elevation:.1f} deg, redundancy number "
+            f"{redundancy:.3f}.",
+        )
+
+
+class ListedFaults(Strict):
+    """Faults one by one, each a table of biases by satellite [m]; an empty table is the fault-free case."""
+
+    biases: Annotated[tuple[dict[str, float], ...], Field(min_length=1)]
+
+    def build(self, g: Geometry) -> tuple[Faults, tuple[str, ...]]:
+        """The faults, in order."""
+        made = [biases(g, one) if one else no_fault(g) for one in self.biases]
+        return sum(made[1:], made[0]), ()
+
+
+def _form_of_faults(given: Any) -> str:
+    listed = "biases" in given if isinstance(given, dict) else isinstance(given, ListedFaults)
+    return "Listed" if listed else "Ramp"
+
+
+AnyFaults = Annotated[
+    Annotated[RampFaults, Tag("Ramp")] | Annotated[ListedFaults, Tag("Listed")], Discriminator(_form_of_faults)
+]
+
+
+class NoiseChoice(Strict):
+    """A noise model by name; every further field is an option of that model."""
+
+    model_config = ConfigDict(extra="allow", frozen=True)
+
+    name: str
+
+    def build(self) -> NoiseModel:
+        """The model's record."""
+        return noise_model(self.name, **(self.model_extra or {}))
+
+
+def scaled_noise(g: Geometry, factor: float) -> Geometry:
+    """The geometry with every sigma multiplied."""
+    return g if factor == 1.0 else dataclasses.replace(g, sigma_m=g.sigma_m * factor)
+
+
+def median_redundancy_satellite(g: Geometry, *, system: str) -> str:
+    """The satellite of a system whose redundancy number is the median one (the lower of the two middle ones)."""
+    if g.is_series:
+        raise InputError("faults.otherwise: a median redundancy number needs one epoch; give geometry.epoch.")
+    redundancy = redundancy_numbers(g)
+    rows = [k for k, letter in enumerate(g.systems) if letter == system]
+    if not rows:
+        raise InputError(
+            f"faults.satellite: no satellite of system {system!r} ({nearest(system, set(g.systems))})."
+        )
+    ordered = sorted(rows, key=lambda k: (redundancy[k], g.names[k]))
+    return g.names[ordered[(len(ordered) - 1) // 2]]

@@ -16,13 +16,13 @@ from numpy.typing import NDArray
 from pydantic import Field
 from scipy import special
 
-from pl_mc.faults import Faults, no_fault, ramps
+from pl_mc.faults import Faults, no_fault
 from pl_mc.geometry import Geometry
 from pl_mc.input_errors import InputError
 from pl_mc.methods import Method, WTest
 from pl_mc.methods.w_test import LOCAL
 from pl_mc.statistics.least_squares import ls_quantities
-from pl_mc.studies.spec import Strict
+from pl_mc.studies.spec import RampFaults, Strict
 
 FloatArray = NDArray[np.float64]
 
@@ -48,28 +48,45 @@ class DayChoice(Strict):
 
 
 @dataclass(frozen=True)
-class FurtherGeometry:
-    """A series of one epoch, or of a sample, with the satellite that is faulted.
+class Place:
+    """A geometry that methods are compared at, with the satellite that is faulted.
 
     Attributes:
-        name: ``strongest``, ``median``, ``weakest`` or ``day``.
-        g: the epoch; or the sample, where at each epoch the faulted satellite has the name `WORST`.
-        satellite: the faulted satellite's name in ``g``.
+        name: ``epoch 545`` of the experiment's own; else ``strongest``, ``median``, ``weakest`` or ``day``.
+        g: an epoch; or the sample, where at each epoch the faulted satellite has the name `WORST`.
+        satellite: the faulted satellite's name in ``g``; None where it is the one that the ramp asks for.
         true_names: that satellite's own name at each epoch.
     """
 
     name: str
     g: Geometry
-    satellite: str
+    satellite: str | None
     true_names: tuple[str, ...]
 
-    def faults(self, start_m: float, stop_m: float, step_m: float) -> Faults:
-        """The fault-free case, and a ramp on the satellite."""
-        made = ramps(self.g, satellites=[self.satellite], start_m=start_m, stop_m=stop_m, step_m=step_m)
-        return no_fault(self.g) + made
+    def faults(self, sizes: RampFaults) -> Faults:
+        """The fault-free case, and a ramp of these sizes on the satellite."""
+        ramp = sizes if self.satellite is None else sizes.model_copy(update={"satellite": self.satellite})
+        return no_fault(self.g) + ramp.build(self.g)[0]
+
+    def about(self) -> dict[str, object]:
+        """A row of a table: epochs, satellites, redundancy, VDOP (smallest to largest of a sample)."""
+        quantities, series = ls_quantities(self.g), self.g.as_series()
+        seen, redundant = series.in_view.sum(axis=1), np.atleast_1d(quantities.dof)
+        return {
+            "geometry": self.name,
+            "epochs": len(series),
+            "epoch": int(series.epoch[0]) if len(series) == 1 else -1,
+            "satellites_min": int(seen.min()),
+            "satellites_max": int(seen.max()),
+            "redundant_min": int(redundant.min()),
+            "redundant_max": int(redundant.max()),
+            "vdop_min_m": float(np.min(quantities.vdop_m)),
+            "vdop_max_m": float(np.max(quantities.vdop_m)),
+            "faulted": " ".join(dict.fromkeys(self.true_names)),
+        }
 
 
-def further_geometries(series: Geometry, every: int) -> tuple[FurtherGeometry, ...]:
+def further_geometries(series: Geometry, every: int) -> tuple[Place, ...]:
     """The strongest, median and weakest epoch by the VDOP of least squares, and the epochs in steps of ``every``.
 
     Only epochs with redundancy count; of two in the middle the stronger is the median.
@@ -82,12 +99,11 @@ def further_geometries(series: Geometry, every: int) -> tuple[FurtherGeometry, .
     if not series.is_series or sound.size < 3:
         raise InputError("day: at least three epochs with redundant satellites are needed; take a longer series.")
     order = sound[np.argsort(quantities.vdop_m[sound], kind="stable")]
-    places = (("strongest", 0), ("median", (len(order) - 1) // 2), ("weakest", -1))
-    picked = {name: int(order[k]) for name, k in places}
+    picked = {"strongest": order[0], "median": order[(len(order) - 1) // 2], "weakest": order[-1]}
     rows = np.argmax(np.where(series.in_view, np.abs(np.nan_to_num(quantities.gain)), -1.0), axis=1)
     names = [series.names[series.satellite[k, rows[k]]] for k in range(len(series))]
     # As series of one epoch they have the same number of rows, so that one compiled function serves all.
-    made = [FurtherGeometry(name, series[k : k + 1], names[k], (names[k],)) for name, k in picked.items()]
+    made = [Place(name, series[k : k + 1], names[k], (names[k],)) for name, k in picked.items()]
     sampled = np.intersect1d(np.arange(0, len(series), every), sound)
     if not sampled.size:
         raise InputError(f"day.every: no epoch with redundant satellites is in the sample; nearest: {every // 2}.")
@@ -105,25 +121,7 @@ def further_geometries(series: Geometry, every: int) -> tuple[FurtherGeometry, .
         names=(*series.names, WORST),
         systems=(*series.systems, series.systems[0]),
     )
-    return (*made, FurtherGeometry(DAY, day, WORST, tuple(names[k] for k in sampled)))
-
-
-def describe(name: str, g: Geometry, satellites: Iterable[str]) -> dict[str, object]:
-    """A row about a geometry: epochs, satellites, redundancy, VDOP (smallest to largest of a sample)."""
-    quantities, series = ls_quantities(g), g.as_series()
-    chosen = list(satellites)
-    return {
-        "geometry": name,
-        "epochs": len(series),
-        "epoch": int(series.epoch[0]) if len(series) == 1 else -1,
-        "satellites_min": int(series.in_view.sum(axis=1).min()),
-        "satellites_max": int(series.in_view.sum(axis=1).max()),
-        "redundant_min": int(np.min(quantities.dof)),
-        "redundant_max": int(np.max(quantities.dof)),
-        "vdop_min_m": float(np.min(quantities.vdop_m)),
-        "vdop_max_m": float(np.max(quantities.vdop_m)),
-        "faulted": " ".join(dict.fromkeys(chosen)),
-    }
+    return (*made, Place(DAY, day, WORST, tuple(names[k] for k in sampled)))
 
 
 def comparable_elsewhere(records: Iterable[Method], p_fa: float, g: Geometry, seed: int) -> tuple[Method, ...]:
@@ -139,14 +137,14 @@ def comparable_elsewhere(records: Iterable[Method], p_fa: float, g: Geometry, se
         g: one epoch, or a sample over whose epochs the rate is kept together.
         seed: of the fault-free draws behind that significance; they are other ones than the sweep's.
     """
-    found: list[Method] = []
-    for one in records:
-        if isinstance(one, WTest):
-            if one.exclusions == 0 and one.final == LOCAL:
-                found.append(dataclasses.replace(one, alpha=significance_of_largest(g, p_fa, seed)))
-        elif getattr(one, "p_fa", None) == p_fa:
-            found.append(one)
-    return tuple(found)
+    comparable: list[Method] = []
+    for test in records:
+        if isinstance(test, WTest):
+            if test.exclusions == 0 and test.final == LOCAL:
+                comparable.append(dataclasses.replace(test, alpha=significance_of_largest(g, p_fa, seed)))
+        elif getattr(test, "p_fa", None) == p_fa:
+            comparable.append(test)
+    return tuple(comparable)
 
 
 def significance_of_largest(g: Geometry, p_fa: float, seed: int) -> float:
@@ -158,7 +156,7 @@ def significance_of_largest(g: Geometry, p_fa: float, seed: int) -> float:
     basis = ls_quantities(series).basis
     each = -(-_CALIBRATION // len(series))
     rng = np.random.default_rng([seed, 1])
-    largest = [one for k in range(len(series)) for one in _largest_w(basis[k], series.in_view[k], each, rng)]
+    largest = [part for k in range(len(series)) for part in _largest_w(basis[k], series.in_view[k], each, rng)]
     quantile = float(np.quantile(np.concatenate(largest), 1.0 - p_fa))
     return float(2.0 * special.ndtr(-quantile))
 

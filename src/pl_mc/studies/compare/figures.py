@@ -1,8 +1,12 @@
-"""Figures of a comparison of many methods: a map of rates, method by bias, and tests at one false-alarm rate."""
+"""Figures of a comparison of many methods: maps of rates, method by bias, and tests at one false-alarm rate.
+
+Each comes for the experiment's own geometry, and with a column for each of several geometries.
+"""
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from collections.abc import Sequence
+from typing import Any
 
 import numpy as np
 import pandas as pd
@@ -11,83 +15,152 @@ from matplotlib.cm import ScalarMappable
 from matplotlib.colors import LogNorm
 from matplotlib.figure import Figure
 
-from pl_mc.alert import AlertLimits
-from pl_mc.report.figures import in_common_look, new_figure, series_style
+from pl_mc.report.figures import bar_lengths, in_common_look, new_figure, note, series_style
+from pl_mc.report.text import metres, span
 from pl_mc.statistics.intervals import clopper_pearson
+from pl_mc.studies.compare.tables import Comparison, same_curves, short_name
+from pl_mc.studies.spec import Experiment
 
-HEADINGS = {
+_HEADINGS = {
     "alarm": "P(alarm), VAL {alert.vertical_m:g} m",
     "missed": "P(|vertical error| > VAL, no alarm)",
     "misleading": "P(|vertical error| > VPL, no alarm)",
 }
-COLOURS = "viridis_r"
+_TESTED = ("alarm", "misleading")
+_COLOURS = "viridis_r"
 
 # Curves beyond this number have open markers.
 _STYLES = 6
 
 
-@dataclass(frozen=True)
-class EqualTables:
-    """Tests at one false-alarm rate.
-
-    Attributes:
-        rates: of their sweep, fault-free case included.
-        tests: see `pl_mc.studies.compare.run.equal_table`.
-        p_fa: the rate.
-    """
-
-    rates: pd.DataFrame
-    tests: pd.DataFrame
-    p_fa: float
-
-    @property
-    def comparable(self) -> pd.DataFrame:
-        """The rates of the tests whose measured false-alarm rate fits."""
-        return self.rates[self.rates.method.isin(self.tests.method[self.tests.fits])]
-
-
 @in_common_look
-def comparison_figure(rates: pd.DataFrame, overview: pd.DataFrame, *, alert: AlertLimits, title: str) -> Figure:
+def comparison_figure(counted: Comparison, experiment: Experiment) -> Figure:
     """Rates of alarms, missed detections and misleading information, method by bias, and availability.
 
     One logarithmic scale of colours for all, which begins at one event; white is none at all.
-
-    Args:
-        rates: of a sweep over a ramp, fault-free case included, one row per method and fault.
-        overview: see `pl_mc.studies.compare.run.overview_table`.
-        alert: alert limits.
-        title: heading.
     """
-    methods, faults = list(dict.fromkeys(rates.method)), list(dict.fromkeys(rates.fault))
-    bias = [0.0 if fault == "none" else float(rates[rates.fault == fault].bias_m.iloc[0]) for fault in faults]
+    methods, draws, title = counted.methods, int(counted.rates.draws.min()), experiment.title
     figure, axes = new_figure(
-        1, 4, width_in=13.0, height_in=2.1 + 0.26 * len(methods), sharey=True,
+        1, 4, width_in=13.0, height_in=2.1 + 0.26 * len(methods), title=title, sharey=True,
         gridspec_kw={"width_ratios": [1.0, 1.0, 1.0, 0.36]},
     )  # fmt: skip
-    figure.suptitle(title, x=0.01, ha="left", fontsize=11)
-    draws = int(rates.draws.min())
     norm = LogNorm(1.0 / draws, 1.0)
-    for panel, (event, heading) in zip(axes[:3], HEADINGS.items(), strict=True):
-        table = rates.pivot(index="method", columns="fault", values=f"{event}_rate").loc[methods, faults]
-        event_map(panel, table.to_numpy(), norm)
-        step = max(1, round((len(faults) - 1) / 5))
-        panel.set_xticks(range(0, len(faults), step), [f"{value:g}" for value in bias[::step]])
+    for panel, (event, heading) in zip(axes[:3], _HEADINGS.items(), strict=True):
+        _rate_map(panel, counted.own_rates, event, methods, norm, ticks=5)
         panel.set(xlabel="bias [m]")
-        panel.set_title(heading.format(alert=alert), fontsize=9.5)
-    bar = figure.colorbar(
-        ScalarMappable(norm=norm, cmap=COLOURS), ax=axes[:3], location="bottom", shrink=0.5, aspect=50, pad=0.02
-    )
-    bar.set_label(f"share of {draws:,} draws; white: none (95 % upper bound {clopper_pearson(0, draws)[1]:.1e})")
-    bar.outline.set_visible(False)
+        panel.set_title(heading.format(alert=experiment.alert_limits()), fontsize=9.5)
+    label = f"share of {draws:,} draws; white: none (95 % upper bound {_bound_of_none(draws):.1e})"
+    _colour_bar(figure, axes[:3], norm, label, aspect=50, pad=0.02)
     axes[0].set_yticks(range(len(methods)), methods, fontsize=8.5)
     axes[0].set_ylim(len(methods) - 0.5, -0.5)
-    share_bars(axes[3], overview.set_index("method").loc[methods])
+    _share_bars(axes[3], counted.overview.set_index("method").loc[methods])
+    axes[3].set_xlabel("share of draws")
+    axes[3].set_title("PL ≤ AL, no fault", fontsize=9.5)
     return figure
 
 
-def event_map(panel: Axes, values: np.ndarray, norm: LogNorm) -> None:
-    shown = np.ma.masked_less_equal(values, 0.0)
-    panel.imshow(shown, aspect="auto", norm=norm, cmap=COLOURS, interpolation="nearest")
+@in_common_look
+def several_geometries_figure(day: Comparison, experiment: Experiment) -> Figure:
+    """Maps of rates, method by bias: a column for each geometry, a row for each event, and availability below."""
+    count, names = len(day.methods), day.names
+    # Few methods leave room for what stands beside them too.
+    height = max(0.155 * count + 0.35, 2.2)
+    figure, axes = new_figure(
+        4, len(names), width_in=2.6 + 2.45 * len(names), height_in=1.3 + 4 * height, title=experiment.title,
+        sharey=True,
+    )  # fmt: skip
+    norm = LogNorm(1.0 / int(day.rates.draws.max()), 1.0)
+    for column, name in enumerate(names):
+        # Faulted satellites differ from geometry to geometry, their biases do not.
+        rates = day.rates[day.rates.geometry == name]
+        *maps, share = axes[column :: len(names)]
+        for panel, event in zip(maps, _HEADINGS, strict=True):
+            _rate_map(panel, rates, event, day.methods, norm, ticks=4)
+            panel.tick_params(labelsize=7)
+        maps[0].set_title(_heading(day, name), fontsize=8.5)
+        maps[-1].set_xlabel("bias [m]", fontsize=8)
+        _share_bars(share, day.overview[day.overview.geometry == name].set_index("method").loc[day.methods])
+        share.tick_params(labelsize=7)
+        share.set_xlabel("share of draws", fontsize=8)
+    headings = [heading.format(alert=experiment.alert_limits()) for heading in _HEADINGS.values()]
+    for panel, heading in zip(axes[:: len(names)], [*headings, "PL ≤ AL, no fault"], strict=True):
+        panel.set_ylabel(heading, fontsize=8.5)
+        panel.set_yticks(range(count), day.methods, fontsize=6.5)
+        panel.set_ylim(count - 0.5, -0.5)
+    unseen = _bound_of_none(int(day.rates.draws.min()))
+    label = f"share of draws at one bias; white: none (95 % upper bound {unseen:.1e} or less)"
+    _colour_bar(figure, axes, norm, label, aspect=60, pad=0.01)
+    return figure
+
+
+@in_common_look
+def equal_figure(counted: Comparison, experiment: Experiment) -> Figure:
+    """Alarms and misleading information of tests at one false-alarm rate, against the bias, with 95 % intervals.
+
+    Methods with the same counts everywhere share one curve. Tests whose measured rate is another one are left out.
+    """
+    tables = counted.equal[counted.reference]
+    title = f"{experiment.title}: tests at a false-alarm rate of {tables.p_fa:g}"
+    figure, panels = new_figure(2, 1, width_in=9.0, height_in=8.0, title=title, sharex=True)
+    unseen = _bound_of_none(int(tables.rates.draws.min()))
+    for panel, event in zip(panels, _TESTED, strict=True):
+        for number, (names, rows) in enumerate(same_curves(tables.comparable, event).items()):
+            label = ",\n".join(map(short_name, names))
+            _rate_curve(panel, rows, event, number, markersize=4.5, linewidth=1.2, capsize=2, label=label)
+        panel.axhline(unseen, color="0.55", linewidth=0.8, linestyle=(0, (5, 3)))
+        note(
+            panel, "95 % upper bound of none seen", (0.995, unseen), shift=(0, 2), ha="right", color="0.35",
+            xycoords=("axes fraction", "data"),
+        )  # fmt: skip
+        panel.set(yscale="log", ylim=(0.3 * unseen, 1.6))
+        panel.legend(loc="center left", bbox_to_anchor=(1.01, 0.5), fontsize=8.0)
+    panels[1].set(xlabel="bias [m]")
+    panels[0].axhline(tables.p_fa, color="0.15", linewidth=1.0, linestyle=":")
+    panels[0].set_title("P(alarm); dotted: the false-alarm rate")
+    panels[1].set_title(_HEADINGS["misleading"])
+    return figure
+
+
+@in_common_look
+def several_equal_figure(day: Comparison, experiment: Experiment) -> Figure:
+    """Alarms and misleading information of tests at one false-alarm rate, a column for each geometry."""
+    count, tests, p_fa = len(day.equal), day.tests, day.equal[day.reference].p_fa
+    title = f"{experiment.title}: tests at a false-alarm rate of {p_fa:g}"
+    figure, axes = new_figure(
+        2, count, width_in=1.0 + 3.0 * count, height_in=7.4, title=title, sharex=True, sharey=True
+    )
+    shown: dict[str, Any] = {}
+    unseen = _bound_of_none(min(int(tables.rates.draws.min()) for tables in day.equal.values()))
+    for column, (name, tables) in enumerate(day.equal.items()):
+        panels = axes[column::count]
+        for panel, event in zip(panels, _TESTED, strict=True):
+            for method, rows in tables.comparable.groupby("method", sort=False):
+                place = tests.index(short_name(str(method)))
+                # Curves that lie on each other show through: later ones are smaller.
+                size, width = 6.5 - 0.5 * place, 2.2 - 0.2 * place
+                shown[tests[place]] = _rate_curve(panel, rows, event, place, markersize=size, linewidth=width)
+            panel.set(yscale="log", ylim=(0.3 * unseen, 1.6))
+        panels[0].axhline(p_fa, color="0.15", linewidth=1.0, linestyle=":")
+        panels[0].set_title(_heading(day, name), fontsize=8.5)
+        panels[1].set_xlabel("bias [m]")
+    axes[0].set_ylabel("P(alarm); dotted: the false-alarm rate")
+    axes[count].set_ylabel(_HEADINGS["misleading"])
+    order = [name for name in tests if name in shown]
+    figure.legend(
+        [shown[name] for name in order], order, loc="outside lower center", ncols=min(4, len(order)), fontsize=8
+    )
+    return figure
+
+
+def _rate_map(
+    panel: Axes, rates: pd.DataFrame, event: str, methods: Sequence[str], norm: LogNorm, *, ticks: int
+) -> None:
+    """Rates by method and bias as colours, with about as many ticks at biases."""
+    faults = list(dict.fromkeys(rates.fault))
+    values = rates.pivot(index="method", columns="fault", values=f"{event}_rate").loc[methods, faults].to_numpy()
+    panel.imshow(
+        np.ma.masked_less_equal(values, 0.0), aspect="auto", norm=norm, cmap=_COLOURS, interpolation="nearest"
+    )
     panel.grid(visible=False)
     panel.set_xticks(np.arange(-0.5, values.shape[1]), minor=True)
     panel.set_yticks(np.arange(-0.5, values.shape[0]), minor=True)
@@ -95,69 +168,55 @@ def event_map(panel: Axes, values: np.ndarray, norm: LogNorm) -> None:
     panel.tick_params(which="minor", length=0)
     for edge in ("left", "bottom"):
         panel.spines[edge].set_visible(False)
+    sizes = _drawn_bias(rates.drop_duplicates("fault"))
+    step = max(1, round((len(faults) - 1) / ticks))
+    panel.set_xticks(range(0, len(faults), step), [f"{size:g}" for size in sizes[::step]])
 
 
-def share_bars(panel: Axes, rows: pd.DataFrame) -> None:
+def _share_bars(panel: Axes, rows: pd.DataFrame) -> None:
     """Availability as bars with its number; bounds would be narrower than a line."""
     place = np.arange(len(rows))
     panel.barh(place, rows.availability, height=0.62, color="0.78")
     for y, share in zip(place, rows.availability, strict=True):
         text = "100 %" if share == 1 else f"{100 * share:.2f} %" if share > 0.99 else f"{100 * share:.1f} %"
-        panel.annotate(
-            text, xy=(0.0, y), xytext=(4, 0), textcoords="offset points", va="center", ha="left", fontsize=8.0
-        )
-    panel.set(xlim=(0, 1), xlabel="share of draws", xticks=(0.0, 0.5, 1.0))
+        note(panel, text, (0.0, y), shift=(4, 0), va="center", ha="left")
+    panel.set(xlim=(0, 1), xticks=(0.0, 0.5, 1.0))
     panel.grid(visible=False)
     panel.tick_params(axis="y", length=0)
-    panel.set_title("PL ≤ AL, no fault", fontsize=9.5)
 
 
-@in_common_look
-def equal_figure(tables: EqualTables, *, alert: AlertLimits, title: str) -> Figure:
-    """Alarms and misleading information of tests at one false-alarm rate, against the bias, with 95 % intervals.
-
-    Methods with the same counts everywhere share one curve. Tests whose measured rate is another one are left out.
-    """
-    figure, panels = new_figure(2, 1, width_in=9.0, height_in=8.0, sharex=True)
-    figure.suptitle(f"{title}: tests at a false-alarm rate of {tables.p_fa:g}", x=0.01, ha="left", fontsize=11)
-    draws = int(tables.rates.draws.min())
-    lowest = 0.3 * float(clopper_pearson(0, draws)[1])
-    for panel, event in zip(panels, ("alarm", "misleading"), strict=True):
-        for number, (joined, rows) in enumerate(same_curves(tables.comparable, event).items()):
-            style = series_style(number)
-            rows = rows.assign(bias_m=rows.bias_m.where(rows.fault != "none", 0.0))
-            rate = rows[f"{event}_rate"].where(rows[f"{event}_rate"] > 0)
-            spread = np.vstack([rate - rows[f"{event}_low"], rows[f"{event}_high"] - rate])
-            panel.errorbar(
-                rows.bias_m, rate, yerr=np.maximum(spread, 0.0), linestyle=style.line, marker=style.marker,
-                markersize=4.5, color=style.colour, markerfacecolor="white" if number >= _STYLES else style.colour,
-                linewidth=1.2, capsize=2, label=",\n".join(short_name(name) for name in joined.split(",\n")),
-            )  # fmt: skip
-        unseen = float(clopper_pearson(0, draws)[1])
-        panel.axhline(unseen, color="0.55", linewidth=0.8, linestyle=(0, (5, 3)))
-        panel.annotate(
-            "95 % upper bound of none seen", xy=(0.995, unseen), xycoords=("axes fraction", "data"),
-            xytext=(0, 2), textcoords="offset points", ha="right", fontsize=8.0, color="0.35",
-        )  # fmt: skip
-        panel.set(yscale="log", ylim=(lowest, 1.6))
-        panel.legend(loc="center left", bbox_to_anchor=(1.01, 0.5), fontsize=8.0)
-    panels[1].set(xlabel="bias [m]")
-    panels[0].axhline(tables.p_fa, color="0.15", linewidth=1.0, linestyle=":")
-    panels[0].set_title("P(alarm); dotted: the false-alarm rate")
-    panels[1].set_title(HEADINGS["misleading"])
-    return figure
+def _rate_curve(panel: Axes, rows: pd.DataFrame, event: str, number: int, **look: Any) -> Any:
+    """Rates of one test with their intervals, where there are any; the number chooses its style."""
+    style = series_style(number)
+    rate = rows[f"{event}_rate"].where(rows[f"{event}_rate"] > 0)
+    return panel.errorbar(
+        _drawn_bias(rows), rate, yerr=bar_lengths(rate, rows[f"{event}_low"], rows[f"{event}_high"]),
+        linestyle=style.line, marker=style.marker, color=style.colour,
+        markerfacecolor="white" if number >= _STYLES else style.colour, **look,
+    )  # fmt: skip
 
 
-def short_name(name: str) -> str:
-    """A name without the settings that give it its false-alarm rate, which the table has."""
-    base, _, options = name.partition("(")
-    kept = [one for one in options.removesuffix(")").split(",") if one and not one.startswith(("p_fa=", "alpha="))]
-    return f"{base}({', '.join(kept)})" if kept else base
+def _colour_bar(figure: Figure, axes: Sequence[Axes], norm: LogNorm, label: str, **layout: Any) -> None:
+    colours = ScalarMappable(norm=norm, cmap=_COLOURS)
+    bar = figure.colorbar(colours, ax=axes, location="bottom", shrink=0.5, **layout)
+    bar.set_label(label)
+    bar.outline.set_visible(False)
 
 
-def same_curves(rates: pd.DataFrame, event: str) -> dict[str, pd.DataFrame]:
-    """The rows of one method for each set of methods that share all counts of an event, by their joined names."""
-    groups: dict[tuple[float, ...], list[str]] = {}
-    for name, rows in rates.groupby("method", sort=False):
-        groups.setdefault(tuple(rows[f"{event}_rate"]), []).append(str(name))
-    return {",\n".join(names): rates[rates.method == names[0]] for names in groups.values()}
+def _drawn_bias(rows: pd.DataFrame) -> np.ndarray:
+    """Biases [m], zero without a fault."""
+    return np.where(rows.fault == "none", 0.0, rows.bias_m)
+
+
+def _bound_of_none(draws: int) -> float:
+    """The 95 % upper bound of what no draw has shown."""
+    return float(clopper_pearson(0, draws)[1])
+
+
+def _heading(day: Comparison, name: str) -> str:
+    row = day.geometries[day.geometries.geometry == name].iloc[0]
+    seen = span(row.satellites_min, row.satellites_max)
+    if row.epochs > 1:
+        return f"{name}: {row.epochs} epochs, {seen} satellites\nworst satellite of each"
+    at = "" if name.startswith("epoch ") else f", epoch {row.epoch}"
+    return f"{name}{at}: {seen} satellites\n{row.faulted}, VDOP {metres(row.vdop_min_m)} m"

@@ -7,39 +7,37 @@ measured before anything is compared.
 
 from __future__ import annotations
 
+import dataclasses
 from collections.abc import Mapping
 from pathlib import Path
-from typing import Annotated, Literal
+from typing import Annotated, Any, Literal
 
 import numpy as np
 import pandas as pd
+from numpy.typing import NDArray
 from pydantic import ConfigDict, Field
 
 from pl_mc.detectors import Detector, as_detectors, detector
-from pl_mc.engine.detect import detect
-from pl_mc.engine.execution import Execution
-from pl_mc.experiments.output import write_table
+from pl_mc.engine import Execution
 from pl_mc.faults import ramps
 from pl_mc.geometry import Geometry, dops
 from pl_mc.input_errors import InputError
-from pl_mc.report.figures import save_figure
-from pl_mc.statistics.intervals import binomial_p_value
+from pl_mc.report.document import Chart, Quantity
+from pl_mc.report.findings import Findings, Picture, Table
 from pl_mc.statistics.least_squares import ls_quantities
-from pl_mc.statistics.noncentral import split_at_threshold
 from pl_mc.statistics.reliability import least_detectable, reliability
-from pl_mc.statistics.student import chi2_threshold
-from pl_mc.studies.guo.figures import (
-    detection_figure,
-    power_figure,
-    residual_figure,
-    satellite_power_figure,
-    satellites_figure,
-    statistic_figure,
-)
-from pl_mc.studies.guo.series import GuoSeries, day_of_detections, detection_table, draws_table
-from pl_mc.studies.guo.text import GuoReport, guo_summary, hypothesis_table, variance_factors
-from pl_mc.studies.series.sources import AnySource, ReceiverSource, Series
-from pl_mc.studies.spec import Experiment, Strict, satellite_files
+from pl_mc.studies.guo import figures
+from pl_mc.studies.guo.paper import hypothesis_table, variance_factors
+from pl_mc.studies.guo.series import Day, GuoSeries, day_of_detections, power_table
+from pl_mc.studies.guo.text import summary
+from pl_mc.studies.sources import AnySource, ReceiverSource, Series, expected_epochs
+from pl_mc.studies.spec import Experiment, Strict
+from pl_mc.studies.study import Work
+
+# Statistics a second, from the seconds of manifests of shipped experiments, on two cores.
+_STATISTICS_PER_S = 1.7e6
+# About as many satellites are in view, each of which gets the biases of the curves.
+_IN_VIEW = 25
 
 
 class TestChoice(Strict):
@@ -112,95 +110,69 @@ class GuoExperiment(Experiment):
 
     def input_files(self) -> Mapping[str, Path]:
         """The receiver's files, or the almanac or SP3 file of a simulated source that has one."""
-        if isinstance(self.source, ReceiverSource):
-            return self.source.files()
-        return satellite_files(self.source, "source")
+        return self.source.files()
 
 
-def run(experiment: GuoExperiment, folder: Path, *, execution: Execution) -> tuple[str, tuple[str, ...]]:
-    """Write ``detection.csv``, tables of draws, hypotheses, reliability and power, and figures 1-5 with more.
-
-    Returns:
-        The summary in Markdown, and notes.
-    """
+def run(experiment: GuoExperiment, execution: Execution) -> Findings:
+    """Detection over the series and at one epoch, the paper's table beside it, figures 1-5 with more."""
     tests = experiment.test_records()
     loaded = experiment.source.series(draws=1, seed=experiment.seed, precision=experiment.precision)
-    real = isinstance(experiment.source, ReceiverSource)
     g, errors_m = without_satellites(loaded, experiment.without)
     row = least_detectable(g, system=experiment.system)
-    if (row < 0).all():
-        raise InputError(f"system: {experiment.system!r} has no satellite that the others check, at any epoch.")
-    notes = [*loaded.notes, *_skipped(experiment, row)]
     kept = np.flatnonzero(row >= 0)
+    if not kept.size:
+        raise InputError(f"system: {experiment.system!r} has no satellite that the others check, at any epoch.")
+    left_out = f"{row.size - kept.size} of {row.size} epochs are left out: no satellite of {experiment.system}"
+    skipped = [f"{left_out} is checked by others."] if kept.size < row.size else []
     series = GuoSeries(
-        geometry=g if kept.size == len(g) else _epochs(g, kept),
+        geometry=_epochs(g, kept),
         errors_m=errors_m[kept],
         faulted_row=row[kept],
         biases_m=(0.0, *experiment.biases_m),
-        real=real,
+        real=isinstance(experiment.source, ReceiverSource),
     )
-    day = day_of_detections(
-        series, tests, p_fa=experiment.p_fa, seed=experiment.seed, draws=experiment.draws,
-        calibration_draws=experiment.calibration_draws, precision=experiment.precision, progress=execution.progress,
-    )  # fmt: skip
-    detection, draws = detection_table(series, day), draws_table(series, day)
-    hypotheses = hypothesis_table(draws)
-    factors = variance_factors(series.geometry, series.faulted_row, experiment.p_fa)
-
-    epoch = _one_epoch(g, experiment.curves.epoch)
-    choice = experiment.curves
-    faults = ramps(
-        epoch, satellites=epoch.names, start_m=choice.start_m, stop_m=choice.stop_m, step_m=choice.step_m
-    )
-    power = detect(
-        epoch, faults, tests=tests, draws=choice.draws, seed=experiment.seed, p_fa=experiment.p_fa,
-        calibration_draws=choice.calibration_draws, precision=experiment.precision, progress=execution.progress,
-    )  # fmt: skip
-    # Zero metres on one satellite is zero metres on any: the fault-free draws, once for each satellite.
-    sizes = int(len(faults) / len(epoch.names))
-    satellite = dict(zip(faults.labels, np.repeat(epoch.names, sizes), strict=True))
-    power.insert(2, "satellite", np.where(power.bias_m == 0, "", power.fault.map(satellite)))
-    power = power.drop_duplicates(["test", "reading", "level", "fault"]).reset_index(drop=True)
-    power = power.join(exact_rates(epoch, power, experiment.p_fa))
+    options: dict[str, Any] = {
+        "p_fa": experiment.p_fa,
+        "seed": experiment.seed,
+        "precision": experiment.precision,
+        "progress": execution.progress,
+    }
+    draws = {"draws": experiment.draws, "calibration_draws": experiment.calibration_draws}
+    day = day_of_detections(series, tests, **draws, **options)
+    hypotheses = hypothesis_table(day.drawn)
+    curves = experiment.curves
+    place = np.flatnonzero(g.epoch == curves.epoch)
+    if not place.size:
+        raise InputError(f"curves.epoch: {curves.epoch} is not among the epochs {g.epoch[0]} to {g.epoch[-1]}.")
+    epoch = g[int(place[0])]
+    sizes = {"start_m": curves.start_m, "stop_m": curves.stop_m, "step_m": curves.step_m}
+    draws = {"draws": curves.draws, "calibration_draws": curves.calibration_draws}
+    power = power_table(epoch, ramps(epoch, satellites=epoch.names, **sizes), tests, **draws, **options)
     reliable = reliability(epoch)
-
-    for name, table in (
-        ("detection", detection), ("detection_draws", draws), ("hypotheses", hypotheses),
-        ("variance_factor", factors), ("power", power), ("reliability", reliable),
-    ):  # fmt: skip
-        write_table(table, folder, name)
-    day.epochs.to_parquet(folder / "epochs.parquet", index=False, compression="zstd")
-    report = GuoReport(
-        title=experiment.title,
-        source=experiment.source.describe(),
-        geometry=series.geometry,
-        real=real,
-        p_fa=experiment.p_fa,
-        seed=experiment.seed,
-        draws=experiment.draws,
-        calibration_draws=experiment.calibration_draws,
-        detection=detection,
-        drawn=draws,
-        hypotheses=hypotheses,
-        factors=factors,
-        power=power,
-        reliable=reliable,
-        power_epoch=int(epoch.epoch),
+    return Findings(
+        summary=summary(experiment, series, day.detection, hypotheses),
+        tables=(
+            Table("detection", day.detection, _chart("at the epochs of the series")),
+            Table("detection_draws", day.drawn, _chart("in many draws of noise at each epoch")),
+            Table("epochs", day.epochs, stored="parquet"),
+            Table("hypotheses", hypotheses),
+            Table("power", power, _chart("satellite by satellite at one epoch", "satellite")),
+            Table("reliability", reliable),
+            Table("variance_factor", variance_factors(series.geometry, series.faulted_row, experiment.p_fa)),
+        ),
+        pictures=_pictures(experiment, series, day, power, reliable),
+        notes=(*loaded.notes, *skipped, *day.notes, *experiment.remarks),
     )
-    _save_figures(experiment, series, day.epochs, report, folder)
-    return guo_summary(report), (*notes, *day.notes, *experiment.remarks)
 
 
-def exact_rates(g: Geometry, power: pd.DataFrame, p_fa: float) -> pd.DataFrame:
-    """``exact_rate`` of the chi-square test at its nominal threshold; ``exact_p_value`` of the count beside it."""
-    quantities = ls_quantities(g)
-    mine = power[(power.test == "chi2") & (power.reading == "apriori") & (power.level == "nominal")]
-    row = [g.names.index(name) if name else 0 for name in mine.satellite]
-    spread = mine.bias_m.to_numpy() ** 2 * quantities.redundancy[row] / g.sigma_m[row] ** 2
-    dof = float(quantities.dof)
-    _, above = split_at_threshold(chi2_threshold(dof, p_fa), dof, spread)
-    columns = {"exact_rate": above, "exact_p_value": binomial_p_value(mine.detections, mine.draws, above)}
-    return pd.DataFrame(columns, index=mine.index)
+def work(experiment: GuoExperiment) -> Work:
+    """What a run costs: statistics of all tests over the series and at the epoch of the curves."""
+    curves = experiment.curves
+    at_an_epoch = experiment.draws * (len(experiment.biases_m) + 1) + 2 * experiment.calibration_draws
+    sizes = 1 + round((curves.stop_m - curves.start_m) / curves.step_m)
+    of_curves = _IN_VIEW * sizes * curves.draws + 2 * curves.calibration_draws
+    statistics = expected_epochs(experiment.source) * at_an_epoch + of_curves
+    return Work(None, statistics * len(experiment.tests) / _STATISTICS_PER_S)
 
 
 def without_satellites(series: Series, names: tuple[str, ...]) -> tuple[Geometry, np.ndarray]:
@@ -226,50 +198,56 @@ def without_satellites(series: Series, names: tuple[str, ...]) -> tuple[Geometry
     return kept, np.where(kept.in_view, values[np.arange(epochs)[:, None], order[kept.satellite]], 0.0)
 
 
-def _epochs(g: Geometry, kept: np.ndarray) -> Geometry:
+def _epochs(g: Geometry, kept: NDArray[np.int64]) -> Geometry:
     """The epochs of these places, which need not follow each other."""
-    return Geometry(
-        design=g.design[kept], sigma_m=g.sigma_m[kept], in_view=g.in_view[kept], satellite=g.satellite[kept],
-        epoch=g.epoch[kept], time_gps_s=g.time_gps_s[kept], names=g.names, systems=g.systems, clocks=g.clocks,
-    )  # fmt: skip
+    by_epoch = ("design", "sigma_m", "in_view", "satellite", "epoch", "time_gps_s")
+    return dataclasses.replace(g, **{name: getattr(g, name)[kept] for name in by_epoch})
 
 
-def _one_epoch(g: Geometry, number: int) -> Geometry:
-    place = np.flatnonzero(g.epoch == number)
-    if place.size == 0:
-        raise InputError(f"curves.epoch: {number} is not among the epochs {g.epoch[0]} to {g.epoch[-1]}.")
-    return g[int(place[0])]
+def _chart(what: str, *menus: str) -> Chart:
+    rate = Quantity("detection", "detection_rate", "low", "high", "detections")
+    return Chart(f"Detection against the bias, {what}", ("test", "reading"), (rate,), ("level", *menus))
 
 
-def _skipped(experiment: GuoExperiment, row: np.ndarray) -> list[str]:
-    count = int((row < 0).sum())
-    if not count:
-        return []
-    return [f"{count} of {row.size} epochs are left out: no satellite of {experiment.system} is checked by others."]
-
-
-def _save_figures(
-    experiment: GuoExperiment, series: GuoSeries, epochs: pd.DataFrame, report: GuoReport, folder: Path
-) -> None:
+def _pictures(
+    experiment: GuoExperiment, series: GuoSeries, day: Day, power: pd.DataFrame, reliable: pd.DataFrame
+) -> tuple[Picture, ...]:
+    """The paper's figures 1-5 and those of detection rates."""
     g, title = series.geometry, experiment.title
-    quantities = ls_quantities(g)
+    basis = ls_quantities(g).basis
     scaled = np.where(g.in_view, series.errors_m / g.sigma_m, 0.0)
-    fitted = np.einsum("enk,ek->en", quantities.basis, np.einsum("enk,en->ek", quantities.basis, scaled))
+    fitted = np.einsum("enk,ek->en", basis, np.einsum("enk,en->ek", basis, scaled))
     residuals_m = (fitted - scaled) * g.sigma_m
     letters = np.array(g.systems)[g.satellite]
-    by_system = {letter: residuals_m[g.in_view & (letters == letter)] for letter in ("G", "C")}
-    sigma_m = {letter: g.sigma_m[g.in_view & (letters == letter)] for letter in ("G", "C")}
-    save_figure(residual_figure(by_system, sigma_m, title=title), folder, "fig1_residuals")
-    counts = {letter: (g.in_view & (letters == letter)).sum(axis=1) for letter in ("G", "C")}
-    save_figure(satellites_figure(g.epoch, counts, dops(g).pdop, title=title), folder, "fig2_satellites")
-    for number, test, sizes in (
-        (3, "mean_check", (0.0,)),
-        (4, "mean_check", experiment.biases_m),
-        (5, "chi2", experiment.biases_m),
+    rows = {letter: g.in_view & (letters == letter) for letter in ("G", "C")}
+    by_system = {letter: (residuals_m[own], g.sigma_m[own]) for letter, own in rows.items()}
+    counts = {letter: own.sum(axis=1) for letter, own in rows.items()}
+    drawn = {
+        "detection": (
+            figures.detection_figure(day.detection, title=title),
+            "Detection rates by test and bias, with 95 % intervals.",
+        ),
+        "fig1_residuals": (
+            figures.residual_figure(by_system, title=title),
+            "Pseudorange errors, how often which, by system.",
+        ),
+        "fig2_satellites": (
+            figures.satellites_figure(g.epoch, counts, dops(g).pdop, title=title),
+            "Satellites in view over the epochs.",
+        ),
+    }
+    for name, test, sizes in (
+        ("fig3_t", "mean_check", (0.0,)),
+        ("fig4_t", "mean_check", experiment.biases_m),
+        ("fig5_f", "chi2", experiment.biases_m),
     ):
-        for first in epochs[epochs.test == test].reading.unique()[:1]:
-            figure = statistic_figure(epochs, test=test, reading=str(first), biases_m=sizes, title=title)
-            save_figure(figure, folder, f"fig{number}_{'t' if test == 'mean_check' else 'f'}")
-    save_figure(detection_figure(report.detection, title=title), folder, "detection")
-    save_figure(power_figure(report.power, report.reliable, title=title), folder, "power")
-    save_figure(satellite_power_figure(report.power, report.reliable, title=title), folder, "power_satellites")
+        of_test = day.epochs[day.epochs.test == test]
+        if len(of_test):
+            first = of_test[of_test.reading == of_test.reading.iloc[0]]
+            figure = figures.statistic_figure(first, biases_m=sizes, title=title)
+            drawn[name] = figure, "A test's statistic and its threshold over the epochs."
+    figure = figures.power_figure(power, reliable, title=title)
+    drawn["power"] = figure, "Detection rate of each test against the bias."
+    figure = figures.satellite_power_figure(power, reliable, title=title)
+    drawn["power_satellites"] = figure, "Detection rate by satellite and bias."
+    return tuple(Picture(name, *figure_and_caption) for name, figure_and_caption in drawn.items())

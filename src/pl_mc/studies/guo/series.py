@@ -1,31 +1,29 @@
-"""Detection over a series of epochs: one satellite biased at each, by each test, at both kinds of threshold."""
+"""Detection by each test at both kinds of threshold: one satellite at every epoch, all satellites at one epoch."""
 
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 import pandas as pd
 from numpy.typing import NDArray
 
 from pl_mc.detectors import Detector
+from pl_mc.engine.detect import detect
 from pl_mc.engine.detect_runs import (
-    EQUAL_P_FA,
     LEVELS,
-    NOMINAL,
-    Calibration,
     calibrate,
     checked_options,
     defined_at,
     power_counts,
     verdicts_on,
 )
+from pl_mc.faults import Faults
 from pl_mc.geometry import Geometry
 from pl_mc.statistics.intervals import binomial_p_value, clopper_pearson
 from pl_mc.statistics.least_squares import ls_quantities
-from pl_mc.statistics.noncentral import split_at_threshold
-from pl_mc.statistics.student import chi2_threshold
-from pl_mc.studies.guo.text import paper_rate
+from pl_mc.studies.guo.paper import chi2_detection, paper_rate, per_square_metre
 
 FloatArray = NDArray[np.float64]
 
@@ -65,23 +63,20 @@ class Day:
     """What the tests say of a series.
 
     Attributes:
-        tests: the tests; p_fa: their nominal false-alarm probability.
         epochs: one row per bias, test and epoch at which the test is defined: ``epoch, bias_m, test, reading,
             satellite`` (the biased one), ``statistic, threshold, detected, threshold_equal, detected_equal,
             suspect, error_m``.
-        defined: (e, tests); calibration: thresholds and false alarms in drawn noise.
-        counts: (e, biases, tests, levels, 2), in ``draws`` draws of noise.
-        draws: draws behind the counts.
+        detection: the paper's table 1 with intervals: one row per test, level and bias, over these epochs.
+        drawn: likewise, mean detection rates over the epochs in many draws of noise. ``predicted, predicted_low,
+            predicted_high``: detections among the epochs of a single draw, mean and 95 % range (normal
+            approximation of a sum of independent epochs). ``exact_rate``: for V'PV at its nominal threshold the
+            mean of the noncentral chi-square tails, ``exact_p_value``: the binomial test of the count against it.
         notes: sentences about epochs that give no row.
     """
 
-    tests: tuple[Detector, ...]
-    p_fa: float
     epochs: pd.DataFrame
-    defined: NDArray[np.bool_]
-    calibration: Calibration
-    counts: NDArray[np.int64]
-    draws: int
+    detection: pd.DataFrame
+    drawn: pd.DataFrame
     notes: tuple[str, ...]
 
 
@@ -90,52 +85,93 @@ def day_of_detections(
     tests: tuple[Detector, ...],
     *,
     p_fa: float,
-    seed: int,
     draws: int,
     calibration_draws: int,
-    precision: str = "float64",
-    progress: bool | None = False,
+    **options: Any,
 ) -> Day:
     """Thresholds first, then the series' own errors with each bias, then many draws of noise with each.
 
     For drawn noise the thresholds of equal false-alarm rate are those of `calibrate`, epoch by epoch. For a
     receiver's errors they are the nominal ones times one factor for each test, the quantile of statistic over
-    threshold in the fault-free epochs of every other hour, used in the hours between.
+    threshold in the fault-free epochs of every other hour, used in the hours between. Options are seed, precision
+    and progress.
     """
-    g = series.geometry
-    options = checked_options(tests, p_fa, seed, precision, None, progress)
+    g, bias_m, every = series.geometry, series.bias_rows_m, np.arange(len(series.geometry))
+    checked = checked_options(tests, p_fa, **options)
     defined, notes = defined_at(g, tests)
-    calibration = calibrate(g, options, draws=calibration_draws, defined=defined)
-    bias_m = series.bias_rows_m
-    verdicts = [verdicts_on(g, series.errors_m + bias_m[:, b], options) for b in range(len(series.biases_m))]
-    equal = calibration.thresholds[:, :, 1]
+    calibration = calibrate(g, checked, draws=calibration_draws, defined=defined)
+    verdicts = [verdicts_on(g, series.errors_m + bias_m[:, b], checked) for b in range(len(series.biases_m))]
+
+    # By bias, test and epoch, and for detections by level; where a test is not defined thresholds are missing.
+    def heard(name: str) -> NDArray[Any]:
+        return np.array([[getattr(verdict, name) for verdict in of_bias] for of_bias in verdicts])
+
+    statistic, faulted = heard("statistic"), g.satellite[every, series.faulted_row]
+    suspect = g.satellite[every, heard("satellite")]
+    thresholds = calibration.thresholds.swapaxes(0, 1)
     if series.real:
-        ratios = np.stack([v.statistic for v in verdicts[0]], axis=1) / calibration.thresholds[:, :, 0]
-        equal = calibration.thresholds[:, :, 0] * crossed_factors(ratios, g.time_gps_s, p_fa)
-    names = np.array(g.names, dtype=object)
-    parts = []
-    for bias, found in zip(series.biases_m, verdicts, strict=True):
-        for k, (test, verdict) in enumerate(zip(tests, found, strict=True)):
-            at = np.flatnonzero(defined[:, k])
-            columns = {
-                "epoch": g.epoch[at],
-                "bias_m": bias,
-                "test": test.test,
-                "reading": test.label,
-                "satellite": names[g.satellite[at, series.faulted_row[at]]],
-                "statistic": verdict.statistic[at],
-                "threshold": verdict.threshold[at],
-                "detected": verdict.statistic[at] > calibration.thresholds[at, k, 0],
-                "threshold_equal": equal[at, k],
-                "detected_equal": verdict.statistic[at] > equal[at, k],
-                "suspect": names[g.satellite[at, verdict.satellite[at]]],
-                "error_m": verdict.error_m[at],
-            }
-            parts.append(pd.DataFrame(columns))
+        nominal = thresholds[..., 0]
+        factors = crossed_factors(statistic[0].T / nominal.T, g.time_gps_s, p_fa)
+        thresholds = np.stack([nominal, nominal * factors.T], axis=-1)
+    detected = statistic[..., None] > thresholds
+    columns = {
+        "statistic": statistic,
+        "threshold": heard("threshold"),
+        "detected": detected[..., 0],
+        "threshold_equal": np.broadcast_to(thresholds[..., 1], statistic.shape),
+        "detected_equal": detected[..., 1],
+        "suspect": np.array(g.names, dtype=object)[suspect],
+        "error_m": heard("error_m"),
+    }
+    epochs = []
+    for b, bias in enumerate(series.biases_m):
+        for k, test in enumerate(tests):
+            rows = pd.DataFrame({"epoch": g.epoch, "bias_m": bias, "test": test.test, "reading": test.label})
+            rows["satellite"] = np.array(g.names, dtype=object)[faulted]
+            epochs.append(rows.assign(**{name: values[b, k] for name, values in columns.items()})[defined[:, k]])
+
+    total, biased = defined.sum(axis=0)[:, None, None], np.array(series.biases_m) != 0
+    alarms = detected[0].sum(axis=1) if series.real else calibration.false_alarms.sum(axis=0)
+    trials = total[..., 0] * (1 if series.real else calibration.draws)
+    p_low, p_high = clopper_pearson(alarms, trials)
+    printed = np.full((len(tests), len(LEVELS), len(series.biases_m)), np.nan)
+    printed[:, 0] = [[paper_rate(test.test, bias) for bias in series.biases_m] for test in tests]
+    right = (detected & (suspect == faulted)[..., None]).sum(axis=2)
+    detection = _by_test(
+        tests, series.biases_m, **_rates("epochs", np.moveaxis(detected.sum(axis=2), 0, -1), total),
+        paper_rate=printed, threshold=np.nanmedian(thresholds, axis=1)[..., None], p_fa_nominal=p_fa,
+        p_fa_measured=(alarms / trials)[..., None], p_fa_low=p_low[..., None], p_fa_high=p_high[..., None],
+        p_fa_trials=trials[..., None],
+        identified_rate=np.where(biased, np.moveaxis(right, 0, -1) / total, np.nan),
+    )  # fmt: skip
     counts = power_counts(
-        g, bias_m, np.ones(bias_m.shape[:2], dtype=bool), calibration.thresholds, options, draws=draws
+        g, bias_m, np.ones(bias_m.shape[:2], dtype=bool), calibration.thresholds, checked, draws=draws
     )
-    return Day(tests, p_fa, pd.concat(parts, ignore_index=True), defined, calibration, counts, draws, notes)
+    drawn = _drawn_table(series, tests, counts, defined, draws=draws, p_fa=p_fa)
+    return Day(pd.concat(epochs, ignore_index=True), detection, drawn, notes)
+
+
+def power_table(
+    g: Geometry, faults: Faults, tests: tuple[Detector, ...], *, p_fa: float, **options: Any
+) -> pd.DataFrame:
+    """The table of `pl_mc.detect` for ramps on all satellites of one epoch, with ``satellite``.
+
+    ``exact_rate`` is that of the chi-square test at its nominal threshold, ``exact_p_value`` that of the count.
+    Options are those of `pl_mc.detect`.
+    """
+    power = detect(g, faults, tests=tests, p_fa=p_fa, **options)
+    # Zero metres on one satellite is zero metres on any: the fault-free draws, once for each satellite.
+    sizes = len(faults) // len(g.names)
+    satellite = dict(zip(faults.labels, np.repeat(g.names, sizes), strict=True))
+    power.insert(2, "satellite", np.where(power.bias_m == 0, "", power.fault.map(satellite)))
+    power = power.drop_duplicates(["test", "reading", "level", "fault"]).reset_index(drop=True)
+    known = power[(power.test == "chi2") & (power.reading == "apriori") & (power.level == "nominal")]
+    row = np.array([g.names.index(name) if name else 0 for name in known.satellite], dtype=int)
+    quantities = ls_quantities(g)
+    noncentrality = known.bias_m.to_numpy() ** 2 * quantities.redundancy[row] / g.sigma_m[row] ** 2
+    rate = chi2_detection(float(quantities.dof), p_fa, noncentrality)
+    exact = {"exact_rate": rate, "exact_p_value": binomial_p_value(known.detections, known.draws, rate)}
+    return power.join(pd.DataFrame(exact, index=known.index))
 
 
 def crossed_factors(ratios: FloatArray, time_gps_s: FloatArray, p_fa: float) -> FloatArray:
@@ -160,97 +196,47 @@ def crossed_factors(ratios: FloatArray, time_gps_s: FloatArray, p_fa: float) -> 
     return factors
 
 
-def detection_table(series: GuoSeries, day: Day) -> pd.DataFrame:
-    """The paper's table 1 with intervals: one row per test, level and bias, over the epochs of the series."""
-    rows = []
-    for k, test in enumerate(day.tests):
-        mine = day.epochs[(day.epochs.test == test.test) & (day.epochs.reading == test.label)]
-        for level, (detected, threshold) in zip(
-            LEVELS, (("detected", "threshold"), ("detected_equal", "threshold_equal")), strict=True
-        ):
-            if series.real:
-                free = mine[mine.bias_m == 0]
-                alarms, trials = int(free[detected].sum()), len(free)
-            else:
-                at = day.defined[:, k]
-                alarms = int(day.calibration.false_alarms[at, k, LEVELS.index(level)].sum())
-                trials = int(at.sum()) * day.calibration.draws
-            p_low, p_high = (float(bound) for bound in clopper_pearson(alarms, trials))
-            for bias, group in mine.groupby("bias_m", sort=False):
-                seen = int(group[detected].sum())
-                low, high = (float(bound) for bound in clopper_pearson(seen, len(group)))
-                rows.append(
-                    {
-                        "test": test.test,
-                        "reading": test.label,
-                        "level": level,
-                        "bias_m": bias,
-                        "epochs": len(group),
-                        "detections": seen,
-                        "detection_rate": seen / len(group),
-                        "low": low,
-                        "high": high,
-                        "paper_rate": paper_rate(test.test, float(bias)) if level == NOMINAL else np.nan,
-                        "threshold": float(group[threshold].median()),
-                        "p_fa_nominal": day.p_fa,
-                        "p_fa_measured": alarms / trials,
-                        "p_fa_low": p_low,
-                        "p_fa_high": p_high,
-                        "p_fa_trials": trials,
-                        "identified_rate": float((group[detected] & (group.suspect == group.satellite)).mean())
-                        if bias
-                        else np.nan,
-                    }
-                )
-    return pd.DataFrame(rows)
+def _drawn_table(
+    series: GuoSeries, tests: tuple[Detector, ...], counts: NDArray[np.int64], defined: NDArray[np.bool_], *,
+    draws: int, p_fa: float,
+) -> pd.DataFrame:  # fmt: skip
+    """The table of `Day.drawn`; ``counts`` is (e, biases, tests, levels, 2)."""
+    g, biases_m = series.geometry, np.array(series.biases_m)
+    counts = np.moveaxis(counts, 1, 3)
+    seen, right = np.moveaxis(counts.sum(axis=0), -1, 0)
+    rate = counts[..., 0] / draws
+    predicted, epochs = rate.sum(axis=0), defined.sum(axis=0)[:, None, None]
+    # An unbiased estimate of the variance of one draw at each epoch.
+    spread = 1.96 * np.sqrt((rate * (1 - rate)).sum(axis=0) * draws / max(draws - 1, 1))
+    table = _by_test(
+        tests, series.biases_m, **_rates("draws", seen, epochs * draws),
+        identified_rate=np.where(biases_m != 0, right / (epochs * draws), np.nan), epochs=epochs,
+        predicted=predicted, predicted_low=np.maximum(predicted - spread, 0.0),
+        predicted_high=np.minimum(predicted + spread, epochs),
+    )  # fmt: skip
+    per_metre = per_square_metre(g, (np.arange(len(g)), series.faulted_row))
+    degrees = ls_quantities(g).dof.astype(float)
+    for test, at in zip(tests, defined.T, strict=True):
+        if test.name == "chi2":
+            known = (table.test == test.test) & (table.reading == test.label) & (table.level == LEVELS[0])
+            exact = np.array(
+                [chi2_detection(degrees[at], p_fa, bias**2 * per_metre[at]).mean() for bias in biases_m]
+            )
+            p_value = binomial_p_value(table.detections[known], table.draws[known], exact)
+            table.loc[known, ["exact_rate", "exact_p_value"]] = np.stack([exact, p_value], axis=-1)
+    return table
 
 
-def draws_table(series: GuoSeries, day: Day) -> pd.DataFrame:
-    """Mean detection rates over the epochs in many draws of noise, and how many epochs of one draw they predict.
-
-    ``predicted, predicted_low, predicted_high``: detections among the epochs of a single draw, mean and 95 % range
-    (normal approximation of a sum of independent epochs). ``exact_rate``: for V'PV at its nominal threshold the
-    mean of the noncentral chi-square tails, and ``exact_p_value`` the binomial test of the count against it.
-    """
-    g, e = series.geometry, len(series.geometry)
-    quantities = ls_quantities(g)
-    at_row = (np.arange(e), series.faulted_row)
-    per_metre = quantities.redundancy[at_row] / g.sigma_m[at_row] ** 2
-    rows = []
-    for k, test in enumerate(day.tests):
-        at = day.defined[:, k]
-        for level in LEVELS:
-            for b, bias in enumerate(series.biases_m):
-                count = day.counts[at, b, k, LEVELS.index(level)]
-                seen, right = (int(value) for value in count.sum(axis=0))
-                trials = int(at.sum()) * day.draws
-                low, high = (float(bound) for bound in clopper_pearson(seen, trials))
-                rate = count[:, 0] / day.draws
-                # An unbiased estimate of the variance of one draw at each epoch.
-                spread = 1.96 * np.sqrt((rate * (1 - rate)).sum() * day.draws / max(day.draws - 1, 1))
-                row: dict[str, object] = {
-                    "test": test.test,
-                    "reading": test.label,
-                    "level": level,
-                    "bias_m": bias,
-                    "draws": trials,
-                    "detections": seen,
-                    "detection_rate": seen / trials,
-                    "low": low,
-                    "high": high,
-                    "identified_rate": right / trials if bias else np.nan,
-                    "epochs": int(at.sum()),
-                    "predicted": float(rate.sum()),
-                    "predicted_low": max(float(rate.sum() - spread), 0.0),
-                    "predicted_high": min(float(rate.sum() + spread), float(at.sum())),
-                }
-                if test.name == "chi2" and level == NOMINAL:
-                    dof = quantities.dof[at].astype(float)
-                    _, above = split_at_threshold(chi2_threshold(dof, day.p_fa), dof, bias**2 * per_metre[at])
-                    row["exact_rate"] = float(above.mean())
-                    row["exact_p_value"] = float(binomial_p_value(seen, trials, above.mean()))
-                rows.append(row)
-    return pd.DataFrame(rows)
+def _by_test(tests: tuple[Detector, ...], biases_m: tuple[float, ...], **columns: Any) -> pd.DataFrame:
+    """One row per test, level and bias, from columns that broadcast to an array of tests, levels and biases."""
+    keys: dict[str, Any] = {
+        "test": [[[test.test]] for test in tests], "reading": [[[test.label]] for test in tests],
+        "level": [[level] for level in LEVELS], "bias_m": biases_m,
+    }  # fmt: skip
+    shape = (len(tests), len(LEVELS), len(biases_m))
+    return pd.DataFrame({name: np.broadcast_to(values, shape).ravel() for name, values in (keys | columns).items()})
 
 
-__all__ = ["EQUAL_P_FA", "NOMINAL", "Day", "GuoSeries", "day_of_detections", "detection_table", "draws_table"]
+def _rates(of: str, seen: NDArray[np.int64], total: NDArray[np.int64]) -> dict[str, Any]:
+    low, high = clopper_pearson(seen, total)
+    return {of: total, "detections": seen, "detection_rate": seen / total, "low": low, "high": high}

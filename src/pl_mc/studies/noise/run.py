@@ -6,52 +6,74 @@ estimator; what correlation in time does is counted in exposures.
 
 from __future__ import annotations
 
-from pathlib import Path
+from collections.abc import Iterator
+from functools import partial
+from itertools import product
 from typing import Annotated, Literal
 
-import numpy as np
 import pandas as pd
 from pydantic import Field
 
 from pl_mc.alert import AlertLimits
 from pl_mc.engine import EVENTS, Execution
-from pl_mc.experiments.output import write_table
-from pl_mc.faults import Faults, biases, no_fault
+from pl_mc.faults import Faults, biases, no_fault, require_satellite
 from pl_mc.geometry import Geometry
 from pl_mc.input_errors import InputError, require_choice
-from pl_mc.integrity_risk.rare.exposure import exposure
+from pl_mc.integrity_risk.rare.exposure import exposure, samples_of
 from pl_mc.integrity_risk.rare.risk import risk
 from pl_mc.methods import Ls, Method
 from pl_mc.noise_models import GAUSSIAN, NoiseModel
-from pl_mc.report.figures import save_figure
+from pl_mc.report.document import Chart, Quantity
+from pl_mc.report.findings import Findings, Picture, Table, event_quantities
 from pl_mc.runtime.progress import with_progress
 from pl_mc.runtime.threads import cores, in_order
 from pl_mc.statistics.exact import ls_rates
 from pl_mc.studies.noise.figures import exposure_figure, noise_figure
-from pl_mc.studies.noise.text import NoiseTables, noise_summary
+from pl_mc.studies.noise.text import summary
 from pl_mc.studies.planned_sweep import PlannedSweep
-from pl_mc.studies.spec import Experiment, SimulatedGeometry, Strict
-from pl_mc.studies.sweep.run import NoiseChoice
+from pl_mc.studies.spec import Experiment, NoiseChoice, SimulatedGeometry, Strict
+from pl_mc.studies.study import Check, Work
 
 COMPARED = ("alarm", "misleading", "missed")
 
+# On two cores: exposures as timed alone, rare events by what they leave of the seconds in the manifest of the
+# shipped experiment; of evaluations those that are allowed.
+_EXPOSURE_SAMPLES_PER_S, _RARE_EVALUATIONS_PER_S = 2.0e6, 5.9e4
+
+_BESIDE_GAUSSIAN = (
+    Quantity("rate", "rate", "low", "high", "count"),
+    Quantity("gaussian", "gaussian_rate", "gaussian_low", "gaussian_high"),
+)
+_CHARTS = {
+    "rates": Chart("Rates of events against the bias", ("method",), event_quantities(), ("noise",)),
+    "factors": Chart("Rate and gaussian against the bias", ("method",), _BESIDE_GAUSSIAN, ("event", "noise")),
+}
+
 
 class FaultChoice(Strict):
-    """Biases of one satellite, one at a time, besides the fault-free case [m]."""
+    """Biases of one satellite.
+
+    Attributes:
+        sizes_m: biases, one at a time, besides the fault-free case.
+    """
 
     satellite: str
     sizes_m: Annotated[tuple[float, ...], Field(min_length=1)]
 
+    def of_sizes(self, g: Geometry, sizes_m: tuple[float, ...]) -> Faults:
+        """Biases of these sizes on the satellite, each once; of 0 the fault-free case."""
+        made = [biases(g, {self.satellite: size}) if size else no_fault(g) for size in dict.fromkeys(sizes_m)]
+        return sum(made[1:], made[0])
+
 
 class RareChoice(Strict):
-    """What is left to the rare-event estimator.
+    """What is left to the rare-event estimator, `pl_mc.risk`.
 
     Attributes:
-        event: which event.
-        fewest_events: where the sweep counted fewer than this.
-        sizes_m: under which faults, 0 for none [m].
+        event: the event that is estimated.
+        fewest_events: number of counted events below which it is estimated.
+        sizes_m: biases under which it is estimated, 0 for no fault.
         methods: names of methods of the experiment.
-        target_cov, max_evaluations: see `pl_mc.risk`.
     """
 
     event: Literal["missed", "misleading"] = "missed"
@@ -66,10 +88,12 @@ class ExposureChoice(Strict):
     """Exposures to Gaussian errors that are correlated in time; see `pl_mc.exposure`.
 
     Attributes:
-        sizes_m: faults, 0 for none [m].
+        sizes_m: biases, 0 for no fault.
         taus_s: correlation times [s].
-        duration_s, interval_s, draws: of the exposures.
-        event: which event.
+        duration_s: length of an exposure.
+        interval_s: time between the samples of an exposure.
+        draws: number of exposures.
+        event: the event that is counted.
         assumed_samples: the number of independent samples that a budget assumes.
     """
 
@@ -83,7 +107,13 @@ class ExposureChoice(Strict):
 
 
 class NoiseExperiment(Experiment):
-    """Noise models at one epoch; the first of ``noises`` is Gaussian, and the others are compared with it."""
+    """Noise models at one epoch, each compared with Gaussian noise.
+
+    Attributes:
+        noises: models of the noise to compare, the first of them gaussian, each a table with a name and options.
+        rare: what is left to the rare-event estimator.
+        exposure: exposures to errors that are correlated in time.
+    """
 
     kind: Literal["noise"] = "noise"
     draws: int = Field(ge=1)
@@ -100,67 +130,84 @@ class NoiseExperiment(Experiment):
             raise InputError(
                 f"noises: the first has to be gaussian, since the others are compared with it, not {made[0].name}."
             )
-        for one in made:
-            if made.count(one) > 1:
-                raise InputError(f"noises: {one.name} is asked for twice.")
+        for noise in made:
+            if made.count(noise) > 1:
+                raise InputError(f"noises: {noise.name} is asked for twice.")
         return made
 
 
 def sweeps(experiment: NoiseExperiment) -> tuple[PlannedSweep, ...]:
     """The sweeps of the experiment, one for each noise model."""
-    g = _epoch(experiment)
-    faults = _faults(g, experiment.faults.satellite, tuple(dict.fromkeys((0.0, *experiment.faults.sizes_m))))
+    g = experiment.geometry.one_epoch()
+    faults = experiment.faults.of_sizes(g, (0.0, *experiment.faults.sizes_m))
     return tuple(
         PlannedSweep(f"noise-{k:02d}", g, faults, experiment.draws, noise)
         for k, noise in enumerate(experiment.noise_records())
     )
 
 
-def run(experiment: NoiseExperiment, folder: Path, *, execution: Execution) -> tuple[str, tuple[str, ...]]:
-    """Write ``rates``, ``factors``, ``risks`` and ``exposures.csv`` with figures.
-
-    Returns:
-        The summary in Markdown, and notes.
-    """
-    planned = sweeps(experiment)
-    g, faults, alert = planned[0].g, planned[0].faults, experiment.alert_limits()
-    methods = experiment.method_records()
+def beside(experiment: NoiseExperiment) -> Work:
+    """What exposures and rare events cost."""
     rare, given = experiment.rare, experiment.exposure
-    for name in rare.methods:
+    estimates = len(experiment.noises) * len(set(rare.sizes_m)) * len(rare.methods)
+    samples = samples_of(given.duration_s, given.interval_s) * given.draws
+    solved = samples * len(set(given.sizes_m)) * len(set(given.taus_s)) * len(experiment.method_records())
+    return Work(
+        None,
+        estimates * rare.max_evaluations / _RARE_EVALUATIONS_PER_S + solved / _EXPOSURE_SAMPLES_PER_S,
+        f"as if all {estimates} rare events had to be estimated, which only a run can tell",
+    )
+
+
+def checks(experiment: NoiseExperiment, g: Geometry | None) -> Iterator[Check]:
+    """Exposures have samples, the satellite is in view, and rare events are those of methods of the experiment."""
+    given = experiment.exposure
+    yield "exposure.interval_s", lambda: samples_of(given.duration_s, given.interval_s)
+    if g is not None:
+        yield "faults.satellite", lambda: require_satellite(g, experiment.faults.satellite)
+    try:
+        known = [method.name for method in experiment.method_records()]
+    except (InputError, TypeError):
+        # The wrong method has been named.
+        return
+    for name in experiment.rare.methods:
+        yield "rare.methods", partial(require_choice, name, known, field="rare.methods")
+
+
+def run(experiment: NoiseExperiment, execution: Execution) -> Findings:
+    """Rates under every noise model, alone and beside those of Gaussian noise; rare events; exposures."""
+    planned = sweeps(experiment)
+    g, alert = planned[0].g, experiment.alert_limits()
+    given, methods = experiment.exposure, experiment.method_records()
+    for name in experiment.rare.methods:
         require_choice(name, [method.name for method in methods], field="rare.methods")
     rates = pd.concat(
-        [one.run(experiment, execution).assign(noise=one.noise.name) for one in planned], ignore_index=True
+        [sweep.run(experiment, execution).assign(noise=sweep.noise.name) for sweep in planned], ignore_index=True
     )
-    tables = NoiseTables(
-        rates=rates,
-        factors=factor_table(rates, g, faults, methods, alert),
-        risks=_risks(experiment, planned, rates, execution),
-        exposures=exposure(
-            g,
-            _faults(g, experiment.faults.satellite, given.sizes_m),
-            tau_s=given.taus_s,
-            draws=given.draws,
-            seed=experiment.seed,
-            duration_s=given.duration_s,
-            interval_s=given.interval_s,
-            methods=methods,
-            alert=alert,
-            precision=experiment.precision,
-            progress=execution.progress,
+    tables = {
+        "rates": rates,
+        "factors": factor_table(rates, g, planned[0].faults, methods, alert),
+        "risks": _risks(experiment, planned, rates, execution),
+        "exposures": exposure(
+            g, experiment.faults.of_sizes(g, given.sizes_m), tau_s=given.taus_s, draws=given.draws,
+            seed=experiment.seed, duration_s=given.duration_s, interval_s=given.interval_s, methods=methods,
+            alert=alert, precision=experiment.precision, progress=execution.progress,
         ),
-    )
-    for name in ("rates", "factors", "risks", "exposures"):
-        write_table(getattr(tables, name), folder, name)
-    save_figure(noise_figure(tables.factors, alert=alert, title=experiment.title), folder, "noise_models")
-    figure = exposure_figure(
-        tables.exposures, event=given.event, assumed=given.assumed_samples, title=experiment.title
-    )
-    save_figure(figure, folder, "exposures")
-    summary = noise_summary(
-        tables, g, satellite=experiment.faults.satellite, alert=alert, title=experiment.title,
-        seed=experiment.seed, rare=rare.model_dump(), event=given.event, assumed=given.assumed_samples,
+    }  # fmt: skip
+    return Findings(
+        summary=summary(experiment, g, tables),
+        tables=tuple(Table(name, table, _CHARTS.get(name)) for name, table in tables.items()),
+        pictures=(
+            Picture(
+                "noise_models", noise_figure(tables["factors"], experiment),
+                "Rates of events under each model of the noise, beside Gaussian noise.",
+            ),
+            Picture(
+                "exposures", exposure_figure(tables["exposures"], experiment),
+                "How often an event happens at least once in an exposure, by the correlation of its errors.",
+            ),
+        ),
     )  # fmt: skip
-    return summary, ()
 
 
 def factor_table(
@@ -176,87 +223,59 @@ def factor_table(
     exact = ls_rates(g, faults, alert=alert).set_index("fault")
     # Options other than the multiplier have no part in least squares; with another one it is counted.
     known = {method.name for method in methods if method == Ls()}
-    first = rates[rates.noise == GAUSSIAN.name].set_index(["method", "fault"])
+    gaussian = rates[rates.noise == GAUSSIAN.name].set_index(["method", "fault"])
+    parts = ("rate", "low", "high")
     rows = []
     for row in rates.itertuples():
         for event in COMPARED:
-            before = first.loc[(row.method, row.fault)]
+            counted = [float(getattr(row, f"{event}_{part}")) for part in parts]
             if row.method in known:
-                known_rate = float(exact.loc[row.fault, f"{event}_rate"])
-                reference = [known_rate, known_rate, known_rate]
+                expected = [float(exact.loc[row.fault, f"{event}_rate"])] * len(parts)
             else:
-                reference = [float(before[f"{event}_{part}"]) for part in ("rate", "low", "high")]
-            rate, low, high = (float(getattr(row, f"{event}_{part}")) for part in ("rate", "low", "high"))
-            known_rates = rate > 0 and reference[0] > 0
+                expected = [float(gaussian.loc[(row.method, row.fault), f"{event}_{part}"]) for part in parts]
+            count = round(counted[0] * row.draws)
             rows.append(
-                {
-                    "noise": row.noise,
-                    "method": row.method,
-                    "fault": row.fault,
-                    "bias_m": row.bias_m,
-                    "event": event,
-                    "draws": row.draws,
-                    "count": round(rate * row.draws),
-                    "rate": rate,
-                    "low": low,
-                    "high": high,
-                    "gaussian_rate": reference[0],
-                    "gaussian_low": reference[1],
-                    "gaussian_high": reference[2],
-                    "factor": rate / reference[0] if known_rates else np.nan,
-                    "factor_low": low / reference[2] if rate > 0 and reference[2] > 0 else np.nan,
-                    "factor_high": high / reference[1] if reference[1] > 0 else np.nan,
-                }
+                (row.noise, row.method, row.fault, row.bias_m, event, row.draws, count, *counted, *expected)
             )
-    return pd.DataFrame(rows)
+    columns = ["noise", "method", "fault", "bias_m", "event", "draws", "count"]
+    table = pd.DataFrame(rows, columns=[*columns, *parts, *(f"gaussian_{part}" for part in parts)])
+    seen = table.rate > 0
+    table["factor"] = (table.rate / table.gaussian_rate).where(seen & (table.gaussian_rate > 0))
+    table["factor_low"] = (table.low / table.gaussian_high).where(seen & (table.gaussian_high > 0))
+    table["factor_high"] = (table.high / table.gaussian_low).where(table.gaussian_low > 0)
+    return table
 
 
 def _risks(
     experiment: NoiseExperiment, planned: tuple[PlannedSweep, ...], rates: pd.DataFrame, execution: Execution
 ) -> pd.DataFrame:
     """`pl_mc.risk` wherever too few events were counted."""
-    rare = experiment.rare
+    rare, faults = experiment.rare, experiment.faults
     column = {event.name: event.count for event in EVENTS}[rare.event]
+    counts = rates.set_index(["noise", "method", "fault"])[column]
     records = {method.name: method for method in experiment.method_records()}
-    work = []
-    for one in planned:
-        counted = rates[rates.noise == one.noise.name].set_index(["method", "fault"])[column]
-        for name in rare.methods:
-            wanted = _faults(one.g, experiment.faults.satellite, rare.sizes_m)
-            # A fault that the sweep did not have counts as seen never.
-            keep = [
-                k for k, label in enumerate(wanted.labels) if counted.get((name, label), 0) < rare.fewest_events
-            ]
-            if not keep:
-                continue
-            few = Faults(wanted.bias_m[keep], wanted.names, tuple(wanted.labels[k] for k in keep))
-            work.append((one, records[name], few))
+    labels = {size: faults.of_sizes(planned[0].g, (size,)).labels[0] for size in rare.sizes_m}
+    cases = []
+    for sweep, name in product(planned, rare.methods):
+        # A fault that the sweep did not have counts as seen never.
+        seen = {size: counts.get((sweep.noise.name, name, label), 0) for size, label in labels.items()}
+        few = tuple(size for size, count in seen.items() if count < rare.fewest_events)
+        if few:
+            cases.append((sweep, records[name], faults.of_sizes(sweep.g, few)))
 
     def estimate(case: tuple[PlannedSweep, Method, Faults]) -> pd.DataFrame:
-        one, method, few = case
+        sweep, method, few = case
         table = risk(
-            one.g, few, seed=experiment.seed, event=rare.event, method=method, target_cov=rare.target_cov,
-            alert=experiment.alert_limits(), noise=one.noise, max_evaluations=rare.max_evaluations, workers=1,
+            sweep.g, few, seed=experiment.seed, event=rare.event, method=method, target_cov=rare.target_cov,
+            alert=experiment.alert_limits(), noise=sweep.noise, max_evaluations=rare.max_evaluations, workers=1,
             progress=False,
         )  # fmt: skip
-        table.insert(0, "noise", one.noise.name)
+        table.insert(0, "noise", sweep.noise.name)
         return table
 
     threads = cores() if execution.workers is None else execution.workers
     # Every case has a function of its own to compile, so that none need run alone.
-    results = in_order(estimate, work, threads, compiled=True)
-    shown = with_progress(results, total=len(work), what="Risk", show=execution.progress)
-    parts = [table for _, table in shown]
-    return pd.concat(parts, ignore_index=True) if parts else pd.DataFrame(columns=["noise", "method", "fault"])
-
-
-def _epoch(experiment: NoiseExperiment) -> Geometry:
-    g = experiment.geometry.build()
-    if g.is_series:
-        raise InputError("geometry.epoch: this kind of experiment needs one epoch.")
-    return g
-
-
-def _faults(g: Geometry, satellite: str, sizes_m: tuple[float, ...]) -> Faults:
-    made = [biases(g, {satellite: size}) if size else no_fault(g) for size in dict.fromkeys(sizes_m)]
-    return sum(made[1:], made[0])
+    results = in_order(estimate, cases, threads, compiled=True)
+    shown = with_progress(results, total=len(cases), what="Risk", show=execution.progress)
+    tables = [table for _, table in shown]
+    return pd.concat(tables, ignore_index=True) if tables else pd.DataFrame(columns=["noise", "method", "fault"])

@@ -2,22 +2,29 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
+from functools import partial
 from pathlib import Path
 from typing import Literal
 
+import numpy as np
 import pandas as pd
+from matplotlib.figure import Figure
 
-from pl_mc.engine import solve
-from pl_mc.engine.execution import Execution
-from pl_mc.experiments.output import write_table
+from pl_mc.alert import AlertLimits
+from pl_mc.engine import Execution, solve
+from pl_mc.geometry import Geometry
 from pl_mc.geometry.gps_time import gps_dates
 from pl_mc.injection import inject, parse_injection
 from pl_mc.receiver import read_receiver_series, read_truth
-from pl_mc.report.figures import save_figure
-from pl_mc.studies.observe.figures import error_figure
-from pl_mc.studies.observe.text import observe_summary
+from pl_mc.report.figures import in_common_look, limit_line, method_label, new_figure, series_style, shade
+from pl_mc.report.findings import Findings, Picture, Table
+from pl_mc.studies.observe.text import summary
 from pl_mc.studies.spec import Experiment, ReceiverFiles
+from pl_mc.studies.study import Check, Work, refuse
+
+# A day with an epoch every 30 s takes less than a series of it, which is solved 42 times [s].
+_SECONDS_A_DAY = 1.2
 
 
 class ObserveExperiment(Experiment, ReceiverFiles):
@@ -35,12 +42,8 @@ class ObserveExperiment(Experiment, ReceiverFiles):
         return files | ({"truth": Path(self.truth)} if Path(self.truth).is_file() else {})
 
 
-def run(experiment: ObserveExperiment, folder: Path, *, execution: Execution) -> tuple[str, tuple[str, ...]]:
-    """Solve every epoch with every method; write ``epochs.csv``, ``epochs.parquet`` and a figure.
-
-    Returns:
-        The summary in Markdown, and notes.
-    """
+def run(experiment: ObserveExperiment, execution: Execution) -> Findings:
+    """Every epoch by every method, and the errors over the epochs."""
     injections = [parse_injection(text) for text in experiment.faults]
     series = read_receiver_series(
         experiment.observations,
@@ -56,14 +59,57 @@ def run(experiment: ObserveExperiment, folder: Path, *, execution: Execution) ->
     table = solve(g, errors_m, methods=experiment.method_records(), alert=alert, precision=experiment.precision)
     table["faulted"] = table.epoch.map(pd.Series(faulted, index=g.epoch))
     table.insert(1, "time", gps_dates(table.pop("time_gps_s")))
-    write_table(table, folder, "epochs", parquet=True)
-    save_figure(error_figure(table, alert=alert, title=experiment.title), folder, "epochs")
-    summary = observe_summary(
-        table,
-        title=experiment.title,
-        source=f"systems {', '.join(experiment.systems)}, mask {experiment.mask_deg:g} deg, error model "
-        f"{experiment.error_model}",
-        injections=[str(one) for one in injections],
-        alert=alert,
+    figure = error_figure(table, alert=alert, title=experiment.title)
+    return Findings(
+        summary=summary(experiment, table, injections),
+        tables=(Table("epochs", table, stored="both"),),
+        pictures=(Picture("epochs", figure, "Position errors and protection levels over the epochs."),),
+        notes=(*series.notes, *notes),
     )
-    return summary, (*series.notes, *notes)
+
+
+def work(experiment: ObserveExperiment) -> Work:
+    """What a run costs; how long the files are shows only when they are read."""
+    return Work(None, _SECONDS_A_DAY, "for files of a day with an epoch every 30 s")
+
+
+def checks(experiment: ObserveExperiment, g: Geometry | None) -> Iterator[Check]:
+    """Every file is there."""
+    for field, path in experiment.input_files().items():
+        if not path.is_file():
+            yield field, partial(refuse, f"{field}: {path}: there is no such file.")
+
+
+@in_common_look
+def error_figure(table: pd.DataFrame, *, alert: AlertLimits, title: str) -> Figure:
+    """East, north and up errors and VPL against the epoch, method by method, faulted epochs shaded.
+
+    ``table`` has ``epoch, method, east_m, north_m, up_m, vpl_m, faulted``.
+    """
+    figure, axes = new_figure(4, 1, width_in=8.0, height_in=9.0, title=title, sharex=True)
+    windows = faulted_windows(table)
+    labels = {"east_m": "east error", "north_m": "north error", "up_m": "up error", "vpl_m": "VPL"}
+    for panel, (column, label) in zip(axes, labels.items(), strict=True):
+        shade(panel, windows, "faulted epochs")
+        for k, (method, group) in enumerate(table.groupby("method", sort=False)):
+            # Least squares lies below in a lighter line, so that both stay visible where they agree.
+            line, width, alpha = ("-", 1.3, 0.55) if k == 0 else ((0, (2, 1)), 0.8, 1.0)
+            panel.plot(
+                group.epoch, group[column], linestyle=line, color=series_style(k).colour, linewidth=width,
+                alpha=alpha, label=method_label(str(method)),
+            )  # fmt: skip
+        panel.set_ylabel(f"{label} [m]")
+    limit_line(axes[3], alert.vertical_m, f"VAL {alert.vertical_m:g} m")
+    top = float(np.nanmax([alert.vertical_m * 1.15, min(np.nanmax(table.vpl_m), 4 * alert.vertical_m)]))
+    axes[3].set(xlabel="epoch", ylim=(0, top))
+    handles, names = axes[0].get_legend_handles_labels()
+    figure.legend(handles, names, loc="outside upper right", ncols=len(names))
+    return figure
+
+
+def faulted_windows(table: pd.DataFrame) -> list[tuple[float, float]]:
+    """First and last epoch of each run of faulted epochs."""
+    faulted = table.groupby("epoch").faulted.any()
+    epochs = faulted.index[faulted.to_numpy()].to_numpy()
+    runs = np.split(epochs, np.flatnonzero(np.diff(epochs) > 1) + 1) if epochs.size else []
+    return [(float(run[0]), float(run[-1])) for run in runs]

@@ -7,24 +7,27 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from pathlib import Path
-from typing import Literal
+from typing import Any, Literal
 
 import pandas as pd
 from pydantic import Field, field_validator
 
 from pl_mc.alert import AlertLimits
-from pl_mc.engine import solve
-from pl_mc.engine.execution import Execution
+from pl_mc.engine import Execution, solve
 from pl_mc.engine.noise import LANES
-from pl_mc.experiments.output import write_table
 from pl_mc.geometry.gps_time import gps_dates
-from pl_mc.report.figures import save_figure
+from pl_mc.report.accuracy import accuracy_m
+from pl_mc.report.findings import Findings, Picture, Table
 from pl_mc.studies.series.figures import flight_figure, levels_figure, position_errors_figure, satellites_figure
-from pl_mc.studies.series.sources import AnySource, ReceiverSource, Series
-from pl_mc.studies.series.text import SeriesReport, comparison_page, series_summary
+from pl_mc.studies.series.text import comparison, summary
 from pl_mc.studies.series.window_faults import DrawnFaults, WindowFaults
-from pl_mc.studies.series.zhao2021 import ACCURACY_COLUMNS, PAPER, PaperSeries, accuracy_m, paper_table
-from pl_mc.studies.spec import Experiment, MethodChoice, satellite_files
+from pl_mc.studies.series.zhao2021 import ACCURACY_COLUMNS, PAPER, oddities, paper_table
+from pl_mc.studies.sources import AnySource, ReceiverSource, Series, expected_epochs
+from pl_mc.studies.spec import Experiment, MethodChoice
+from pl_mc.studies.study import Work
+
+# Solutions of an epoch by a method a second, from the seconds of manifests of shipped experiments, on two cores.
+_SOLUTIONS_PER_S = 1.05e5
 
 
 class SeriesExperiment(Experiment):
@@ -54,52 +57,44 @@ class SeriesExperiment(Experiment):
 
     def input_files(self) -> Mapping[str, Path]:
         """The receiver's files, or the almanac or SP3 file of a simulated source that has one."""
-        if isinstance(self.source, ReceiverSource):
-            return self.source.files()
-        return satellite_files(self.source, "source")
+        return self.source.files()
 
 
-def run(experiment: SeriesExperiment, folder: Path, *, execution: Execution) -> tuple[str, tuple[str, ...]]:
-    """Solve the series; write ``epochs.parquet``, ``faults.csv``, ``redraws.csv``, the paper's table and figures.
-
-    Returns:
-        The summary in Markdown, and notes.
-    """
-    source, alert, paper = experiment.source, experiment.alert_limits(), PAPER[experiment.compare]
-    series = source.series(draws=experiment.redraws + 1, seed=experiment.seed, precision=experiment.precision)
-    table, faults = solved(experiment, series, 0)
-    draws = draw_rows(table, faults, 0, alert)
-    for redraw in range(1, experiment.redraws + 1):
-        draws += draw_rows(*solved(experiment, series, redraw), redraw, alert)
-    redraws = pd.DataFrame(draws)
-    compared = paper_table(paper, *(group[ACCURACY_COLUMNS] for _, group in redraws.groupby("method", sort=False)))
-
-    table.insert(1, "time", gps_dates(table.pop("time_gps_s")))
-    table.to_parquet(folder / "epochs.parquet", index=False, compression="zstd")
-    tables = {"faults": faults.listed, "redraws": redraws, f"table{paper.table}": compared, **series.tables}
-    for name, content in tables.items():
-        write_table(content, folder, name)
-    _save_figures(experiment, table, paper, folder)
-    if "flight" in series.tables:
-        save_figure(flight_figure(series.tables["flight"], title=experiment.title), folder, "flight")
-    report = SeriesReport(
-        title=experiment.title,
-        source=source.describe(),
-        faults=experiment.faults.describe(),
-        form=source.kind,
-        seed=experiment.seed,
-        chosen="; ".join(
-            f"{first}-{last}: {' and '.join(names)}"
-            for (first, last), names in zip(experiment.faults.windows, faults.chosen, strict=True)
-        ),
-        alert=alert,
-        paper=paper,
-        table=table,
-        compared=compared,
-        redraws=redraws,
+def run(experiment: SeriesExperiment, execution: Execution) -> Findings:
+    """The series with each draw of its faults; the paper's table and figures from the first of them."""
+    alert, paper = experiment.alert_limits(), PAPER[experiment.compare]
+    series = experiment.source.series(
+        draws=experiment.redraws + 1, seed=experiment.seed, precision=experiment.precision
     )
-    (folder / f"table{paper.table}.md").write_text(comparison_page(report), encoding="utf-8")
-    return series_summary(report), (*series.notes, *experiment.remarks)
+    table, faults = solved(experiment, series, 0)
+    rows = draw_rows(table, faults, 0, alert)
+    for redraw in range(1, experiment.redraws + 1):
+        rows += draw_rows(*solved(experiment, series, redraw), redraw, alert)
+    redraws = pd.DataFrame(rows)
+    compared = paper_table(paper, *(group for _, group in redraws.groupby("method", sort=False)))
+    table.insert(1, "time", gps_dates(table.pop("time_gps_s")))
+    remarks = oddities(paper, compared, float(faults.faulted.mean()))
+    return Findings(
+        summary=summary(experiment, table, faults, compared, redraws, remarks),
+        tables=(
+            Table("epochs", table, stored="parquet"),
+            Table("faults", faults.listed),
+            *(Table(name, track) for name, track in series.tables.items()),
+            Table("redraws", redraws),
+            Table(f"table{paper.table}", compared),
+        ),
+        pictures=_pictures(experiment, table, series.tables.get("flight")),
+        notes=(*series.notes, *experiment.remarks),
+        texts={f"table{paper.table}.md": comparison(experiment, compared, redraws, remarks)},
+    )
+
+
+def work(experiment: SeriesExperiment, *, solutions_per_s: float = _SOLUTIONS_PER_S) -> Work:
+    """What a run costs."""
+    epochs = expected_epochs(experiment.source)
+    solutions = epochs * (experiment.redraws + 1) * len(experiment.method_records())
+    known = not isinstance(experiment.source, ReceiverSource)
+    return Work(solutions if known else None, solutions / solutions_per_s)
 
 
 def draw_rows(table: pd.DataFrame, faults: DrawnFaults, redraw: int, alert: AlertLimits) -> list[dict[str, object]]:
@@ -129,25 +124,38 @@ def solved(experiment: SeriesExperiment, series: Series, redraw: int) -> tuple[p
     g = series.geometry
     faults = experiment.faults.draw(g, seed=experiment.seed, redraw=redraw)
     errors_m = series.errors_m[min(redraw, len(series.errors_m) - 1)] + faults.bias_m
-    table = solve(
-        g,
-        errors_m,
-        methods=experiment.method_records(),
-        alert=experiment.alert_limits(),
-        precision=experiment.precision,
-    )
+    methods, alert = experiment.method_records(), experiment.alert_limits()
+    table = solve(g, errors_m, methods=methods, alert=alert, precision=experiment.precision)
     table["faulted"] = table.epoch.map(pd.Series(faults.faulted, index=g.epoch))
     return table, faults
 
 
-def _save_figures(experiment: SeriesExperiment, table: pd.DataFrame, paper: PaperSeries, folder: Path) -> None:
-    satellites, before, after, levels = paper.figures
-    windows = list(experiment.faults.windows)
+def _pictures(
+    experiment: SeriesExperiment, table: pd.DataFrame, flight: pd.DataFrame | None
+) -> tuple[Picture, ...]:
+    """The figures under the paper's numbers."""
+    satellites, before, after, levels = PAPER[experiment.compare].figures
     plain, robust = table.method.unique()
-    title = experiment.title
-    save_figure(satellites_figure(table, windows=windows, title=title), folder, f"fig{satellites}_satellites")
-    for number, method, what in ((before, plain, "ls"), (after, robust, "robust")):
-        figure = position_errors_figure(table, method=method, windows=windows, title=title)
-        save_figure(figure, folder, f"fig{number}_errors_{what}")
-    figure = levels_figure(table, windows=windows, alert=experiment.alert_limits(), title=title)
-    save_figure(figure, folder, f"fig{levels}_vpl")
+    common: dict[str, Any] = {"windows": experiment.faults.windows, "title": experiment.title}
+    errors = "East, north and up errors of {} over the epochs."
+    pictures = [
+        Picture(
+            f"fig{satellites}_satellites", satellites_figure(table, **common), "Satellites in view over the epochs."
+        ),
+        Picture(
+            f"fig{before}_errors_ls", position_errors_figure(table, method=plain, **common),
+            errors.format("least squares"),
+        ),
+        Picture(
+            f"fig{after}_errors_robust", position_errors_figure(table, method=robust, **common),
+            errors.format("the robust estimate"),
+        ),
+        Picture(
+            f"fig{levels}_vpl", levels_figure(table, alert=experiment.alert_limits(), **common),
+            "Vertical protection levels over the epochs.",
+        ),
+    ]  # fmt: skip
+    if flight is not None:
+        figure = flight_figure(flight, title=experiment.title)
+        pictures.append(Picture("flight", figure, "The flight: track, height and bank angle."))
+    return tuple(pictures)

@@ -1,4 +1,4 @@
-"""Tables 1 and 2 of Zhao et al. (2021) beside ours: 95 % quantiles and RMS, and why the two differ."""
+"""Tables 1 and 2 of Zhao et al. (2021) beside ours: 95 % quantiles and RMS of the errors."""
 
 from __future__ import annotations
 
@@ -8,15 +8,12 @@ from types import MappingProxyType
 
 import numpy as np
 import pandas as pd
-from numpy.typing import NDArray
 
-from pl_mc.report.text import markdown_table, metres
+from pl_mc.report.accuracy import DIRECTIONS
 
-DIRECTIONS = ("E", "N", "U")
 STATISTICS = ("95%", "rms")
-# Columns for the values of `accuracy_m`, direction by direction.
+# Columns for the values of `pl_mc.report.accuracy.accuracy_m`, direction by direction.
 ACCURACY_COLUMNS = ["east_95_m", "east_rms_m", "north_95_m", "north_rms_m", "up_95_m", "up_rms_m"]
-_COLUMNS = ["east_m", "north_m", "up_m"]
 
 
 @dataclass(frozen=True)
@@ -54,21 +51,6 @@ PAPER: Mapping[str, PaperSeries] = MappingProxyType(
 )
 
 
-def accuracy_m(solved: pd.DataFrame, method: str) -> NDArray[np.float64]:
-    """(3, 2), a method's 95 % quantile of the absolute error and RMS in east, north, up over available epochs [m].
-
-    The quantile is the empirical one, interpolated linearly between order statistics.
-
-    Args:
-        solved: ``method, available, east_m, north_m, up_m``, one row per epoch and method.
-        method: its name.
-    """
-    known = solved.loc[(solved.method == method) & solved.available, _COLUMNS].to_numpy()
-    if len(known) == 0:
-        return np.full((3, 2), np.nan)
-    return np.stack([np.quantile(np.abs(known), 0.95, axis=0), np.sqrt((known**2).mean(axis=0))], axis=-1)
-
-
 def paper_table(paper: PaperSeries, before: pd.DataFrame, after: pd.DataFrame) -> pd.DataFrame:
     """Ours beside the paper's.
 
@@ -93,36 +75,6 @@ def paper_table(paper: PaperSeries, before: pd.DataFrame, after: pd.DataFrame) -
     return pd.DataFrame(columns)
 
 
-def paper_table_text(table: pd.DataFrame, *, drawn: str, why_before: str, why_after: str) -> str:
-    """The table in Markdown, with what each difference from the paper comes from.
-
-    Args:
-        table: from `paper_table`.
-        drawn: what differs from redraw to redraw.
-        why_before, why_after: what makes the values of least squares and of the robust method differ where redraws
-            do not reach the paper's.
-    """
-    rows = []
-    for row in table.to_dict("records"):
-        cells = [row["direction"], statistic_label(row["statistic"])]
-        reasons = []
-        for name, why in (("before", why_before), ("after", why_after)):
-            low_m, high_m, paper_m = row[f"{name}_low_m"], row[f"{name}_high_m"], row[f"paper_{name}_m"]
-            cells += [metres(row[f"{name}_m"]), f"{metres(low_m)} to {metres(high_m)}", metres(paper_m)]
-            reasons.append(f"{name}: {_reason(paper_m, low_m, high_m, drawn, why)}")
-        rows.append([*cells, "; ".join(reasons)])
-    header = [
-        "", "", "before: ours", "with redraws", "before: paper", "after: ours", "with redraws", "after: paper",
-        "why they differ",
-    ]  # fmt: skip
-    return markdown_table(header, rows)
-
-
-def statistic_label(statistic: str) -> str:
-    """A statistic as tables for readers print it."""
-    return {"95%": "95 %", "rms": "RMS"}[statistic]
-
-
 def oddities(paper: PaperSeries, table: pd.DataFrame, faulted_share: float) -> list[str]:
     """Sentences on 95 % quantiles below their RMS, in the paper and in ours.
 
@@ -131,32 +83,22 @@ def oddities(paper: PaperSeries, table: pd.DataFrame, faulted_share: float) -> l
         table: from `paper_table`.
         faulted_share: share of our epochs that are faulted.
     """
-    values = table.set_index(["direction", "statistic"])
-    found = []
-    for label, prefix in (("the paper's", "paper_"), ("our", "")):
-        places = [
-            f"{direction} {name}"
-            for name in ("before", "after")
-            for direction in DIRECTIONS
-            if values.loc[(direction, "95%"), f"{prefix}{name}_m"]
-            < values.loc[(direction, "rms"), f"{prefix}{name}_m"]
-        ]
+    values = table.set_index(["statistic", "direction"])
+    sentences = []
+    for whose, prefix in (("the paper's", "paper_"), ("our", "")):
+        places = []
+        for name in ("before", "after"):
+            column = values[f"{prefix}{name}_m"]
+            places += [f"{place} {name}" for place in DIRECTIONS if column["95%", place] < column["rms", place]]
         if places:
-            found.append(f"In {label} values the 95 % quantile lies below the RMS for {', '.join(places)}.")
-    if found:
-        found.append(
+            sentences.append(f"In {whose} values the 95 % quantile lies below the RMS for {', '.join(places)}.")
+    if sentences:
+        sentences.append(
             "That takes very large errors at a few epochs, about one in twenty, which the quantile hardly sees; "
             f"{100 * faulted_share:.2f} % of our epochs are faulted."
         )
     if paper.table == 2:
-        found.append(
+        sentences.append(
             "The paper's RMS before of E and U may be exchanged (a guess); they are printed as they stand."
         )
-    return found
-
-
-def _reason(paper_m: float, low_m: float, high_m: float, drawn: str, why: str) -> str:
-    if low_m <= paper_m <= high_m:
-        return f"the paper is within the redraws of {drawn}"
-    side = "below" if paper_m < low_m else "above"
-    return f"the paper is {side} all redraws: {why}"
+    return sentences

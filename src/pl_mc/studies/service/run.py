@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from dataclasses import dataclass
-from pathlib import Path
 from typing import Any, Literal
 
 import pandas as pd
@@ -12,35 +12,35 @@ from pydantic import Field
 from pl_mc.alert import OPERATIONS, AlertLimits
 from pl_mc.engine import Execution
 from pl_mc.error_models import ErrorModel, error_model
-from pl_mc.experiments.output import write_table
 from pl_mc.geometry import Geometry, simulate
 from pl_mc.noise_models import GAUSSIAN
 from pl_mc.report.coastlines import coastlines
-from pl_mc.report.figures import save_figure
-from pl_mc.report.sky_plot import sky_figure
+from pl_mc.report.findings import Findings, Table
+from pl_mc.service.continuity import as_durations
+from pl_mc.service.grid import world_grid
+from pl_mc.service.levels import levels_from_geometry
 from pl_mc.service.task import ServiceTask
 from pl_mc.service.volume import (
     DAY_S,
     MOST_DRAWS,
+    MOST_EPOCHS,
     ServiceVolume,
     as_operations,
     epoch_count,
+    require_epochs,
     run_service,
     service_task,
 )
-from pl_mc.studies.service.figures import (
-    availability_maps,
-    day_figure,
-    operation_maps,
-    satellite_maps,
-    vertical_level_maps,
-)
-from pl_mc.studies.service.text import service_summary
-from pl_mc.studies.spec import Experiment, MethodChoice
-from pl_mc.studies.sweep.run import NoiseChoice
+from pl_mc.studies.service.figures import pictures
+from pl_mc.studies.service.text import summary
+from pl_mc.studies.spec import Experiment, MethodChoice, NoiseChoice
+from pl_mc.studies.study import Check, Work
 
 # Sites of the lists of the worst.
 WORST = 10
+
+# Solutions a second, from the seconds of the shipped experiment's manifest, on two cores.
+_SCENARIOS_PER_S = 4.8e5
 
 
 class ServiceExperiment(Experiment):
@@ -48,7 +48,6 @@ class ServiceExperiment(Experiment):
 
     Attributes:
         alert: the operation that the maps of methods show.
-        operations: operations of the tables; the one of the maps is added where it is missing.
         step_deg: width and height of a cell; it divides 180 [deg].
         step_s: time between epochs [s].
         duration_s: length of the run [s].
@@ -66,7 +65,11 @@ class ServiceExperiment(Experiment):
     )
     draws: int = Field(default=100, ge=1, le=MOST_DRAWS)
     noise: NoiseChoice = NoiseChoice(name="gaussian")
-    operations: tuple[str, ...] = ("LPV-200",)
+    operations: tuple[str, ...] = Field(
+        default=("LPV-200",),
+        description=f"operations of the tables, of {', '.join(OPERATIONS)}; the one of the maps is added where it "
+        "is missing",
+    )
     step_deg: float = Field(default=5.0, gt=0)
     step_s: float = Field(default=300.0, gt=0)
     duration_s: float = Field(default=DAY_S, gt=0)
@@ -122,9 +125,9 @@ class PlannedService:
 
     def run(self, experiment: ServiceExperiment, execution: Execution) -> pd.DataFrame:
         """Rates over the world, with sentences about parts in ``attrs["notes"]``."""
-        found = self.volume(experiment, execution)
-        found.world.attrs["notes"] = list(found.notes)
-        return found.world
+        volume = self.volume(experiment, execution)
+        volume.world.attrs["notes"] = list(volume.notes)
+        return volume.world
 
 
 def sweeps(experiment: ServiceExperiment) -> tuple[PlannedService, ...]:
@@ -132,70 +135,82 @@ def sweeps(experiment: ServiceExperiment) -> tuple[PlannedService, ...]:
     return (PlannedService(),)
 
 
-def run(experiment: ServiceExperiment, folder: Path, *, execution: Execution) -> tuple[str, tuple[str, ...]]:
-    """Write ``world.csv``, ``worst_sites.csv``, ``sites.parquet``, ``levels.parquet``, ``satellites.csv``,
-    ``by_epoch.parquet`` and the maps.
-
-    Returns:
-        The summary in Markdown, and notes.
-    """
-    alert = OPERATIONS[experiment.alert_limits().name]
+def run(experiment: ServiceExperiment, execution: Execution) -> Findings:
+    """Rates over the world, the worst sites, maps, and the sky over one site."""
     # What is wrong with the site is said before the long part.
     sky = experiment.sky()
-    found = sweeps(experiment)[0].volume(experiment, execution)
-    worst = worst_sites(found)
-    write_table(found.world, folder, "world")
-    write_table(worst, folder, "worst_sites")
-    write_table(found.satellites, folder, "satellites")
-    for name in ("sites", "levels", "by_epoch"):
-        getattr(found, name).to_parquet(folder / f"{name}.parquet", index=False, compression="zstd")
-    what = experiment.title
-    save_figure(availability_maps(found, alert, title=what), folder, "world_availability")
-    save_figure(vertical_level_maps(found, title=what), folder, "world_levels")
-    save_figure(operation_maps(found, title=what), folder, "world_operations")
-    save_figure(satellite_maps(found, title=what), folder, "world_satellites")
-    save_figure(day_figure(found, title=what), folder, "world_day")
-    title = f"Satellites over {experiment.site}, {experiment.mask_deg:g} deg mask; names at the first epoch"
-    save_figure(sky_figure(sky, mask_deg=experiment.mask_deg, title=title), folder, "sky")
-    return service_summary(experiment, found, worst), (*_notes(experiment, found), *found.notes)
+    volume = PlannedService().volume(experiment, execution)
+    worst = worst_sites(volume)
+    return Findings(
+        summary=summary(experiment, volume, worst),
+        tables=(
+            Table("world", volume.world),
+            Table("worst_sites", worst),
+            Table("satellites", volume.satellites),
+            *(Table(name, getattr(volume, name), stored="parquet") for name in ("sites", "levels", "by_epoch")),
+        ),
+        pictures=pictures(experiment, volume, sky),
+        notes=(*_notes(experiment, volume), *volume.notes),
+    )
 
 
-def worst_sites(found: ServiceVolume) -> pd.DataFrame:
+def work(experiment: ServiceExperiment) -> Work:
+    """Solutions at all sites and epochs; one draw tells all of a method whose levels depend on geometry alone."""
+    epochs = require_epochs(experiment.duration_s, experiment.step_s)
+    draws = sum(1 if levels_from_geometry(one) else experiment.draws for one in experiment.method_records())
+    scenarios = len(world_grid(experiment.step_deg)) * epochs * draws
+    return Work(scenarios, scenarios / _SCENARIOS_PER_S)
+
+
+def checks(experiment: ServiceExperiment, g: Geometry | None) -> Iterator[Check]:
+    """Operations, grid, epochs, and the satellites, for which this kind has fields of its own."""
+    step_s, duration_s = experiment.step_s, experiment.duration_s
+    yield "operations", lambda: as_operations(experiment.operations)
+    yield "step_deg", lambda: world_grid(experiment.step_deg)
+    yield "step_s", lambda: require_epochs(duration_s, step_s)
+    epochs = epoch_count(duration_s, step_s)
+    if epochs <= MOST_EPOCHS:
+        yield "durations_s", lambda: as_durations(experiment.durations_s, step_s=step_s, epochs=epochs)
+    yield "error_model", experiment.model
+    # Fields one by one, so that one that is wrong hides no other.
+    names = experiment.constellations
+    yield "site", lambda: simulate(site=experiment.site, epochs=1)
+    yield "start", lambda: simulate(start=experiment.start, epochs=1)
+    yield "constellations", lambda: simulate(constellations=names, without=experiment.without, epochs=1)
+
+
+def worst_sites(volume: ServiceVolume) -> pd.DataFrame:
     """The sites with the lowest availability of each method and operation, of those below one."""
-    parts = []
-    for method in found.methods:
-        for limits in found.operations:
-            rows = found.worst_sites(method, limits.name, most=WORST)
-            parts.append(rows[rows.availability_rate < 1.0])
-    return pd.concat(parts, ignore_index=True)
+    parts = [
+        volume.worst_sites(method, limits.name, most=WORST)
+        for method in volume.methods
+        for limits in volume.operations
+    ]
+    return pd.concat([rows[rows.availability_rate < 1.0] for rows in parts], ignore_index=True)
 
 
-def _notes(experiment: ServiceExperiment, found: ServiceVolume) -> tuple[str, ...]:
+def _notes(experiment: ServiceExperiment, volume: ServiceVolume) -> tuple[str, ...]:
+    is_gaussian, exact = volume.noise == GAUSSIAN.name, ", ".join(volume.exact)
+    law = "Gaussian" if is_gaussian else f"after the model {volume.noise}"
     notes = [
         "An operation is available where a method has a solution with VPL and HPL within the operation's limits; "
-        f"errors are fault-free and {_law(found)}, constellations nominal, users on the ellipsoid "
-        "without terrain.",
+        f"errors are fault-free and {law}, constellations nominal, users on the ellipsoid without terrain.",
         "Continuity is told by whole steps between epochs: an outage between two of them is not seen, every epoch "
         "draws its own noise, and false alerts and failures of satellites are not part of it.",
         "Levels are taken as they are and do not keep the same risk: more availability is no merit by itself. "
         "Without a fault, at one epoch over CUT0, least squares with K 5.33 is exceeded in about 2e-4 of draws and "
         "IGG-III in about 2e-3, while ARAIM is made for 1e-7.",
     ]
-    if found.noise != GAUSSIAN.name and found.exact:
-        notes.append(f"{', '.join(found.exact)}: the noise model is nothing to levels of the geometry alone.")
-    if found.exact:
+    if exact and not is_gaussian:
+        notes.append(f"{exact}: the noise model is nothing to levels of the geometry alone.")
+    if exact:
         notes.append(
-            f"{', '.join(found.exact)}: levels depend on the geometry alone, so that one draw tells all; bounds of "
-            "the availability say at which moment within a step service may have changed, and continuity has no "
-            "sampling interval: its bounds are its value."
+            f"{exact}: levels depend on the geometry alone, so that one draw tells all; bounds of the availability "
+            "say at which moment within a step service may have changed, and continuity has no sampling interval: "
+            "its bounds are its value."
         )
     if experiment.without:
         notes.append(f"Switched off: {', '.join(experiment.without)}.")
     if not coastlines():
         notes.append("The maps have no coastlines: their package is not installed (pip install 'pl_mc[maps]').")
     return tuple(notes)
-
-
-def _law(found: ServiceVolume) -> str:
-    """How errors are distributed, in words."""
-    return "Gaussian" if found.noise == GAUSSIAN.name else f"after the model {found.noise}"

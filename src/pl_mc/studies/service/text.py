@@ -1,133 +1,138 @@
-"""The summary and the three sentences of a service volume."""
+"""What a service volume says: its summary, and its answer in three sentences."""
 
 from __future__ import annotations
 
 import re
+from collections.abc import Mapping
 from typing import TYPE_CHECKING, Any
 
 import pandas as pd
 
+from pl_mc.alert import AlertLimits
 from pl_mc.noise_models import GAUSSIAN
+from pl_mc.report.document import Block, Bullets, Paragraph, TextTable
 from pl_mc.report.figures import method_label
-from pl_mc.report.run_folder import RunFolder
-from pl_mc.report.text import markdown_table, percent
+from pl_mc.report.text import method_key, percent
 from pl_mc.service.counting import COVERED
 
 if TYPE_CHECKING:
     from pl_mc.service.volume import ServiceVolume
+    from pl_mc.studies.service.run import ServiceExperiment
 
 # Sites of a list in the summary; the file holds more.
 _LISTED = 5
 
 
-def service_summary(experiment: Any, found: ServiceVolume, worst: pd.DataFrame) -> str:
-    """Rates over the world by operation and method, continuity, and the worst sites.
-
-    Args:
-        experiment: the experiment's record.
-        found: the service volume.
-        worst: ``worst_sites`` of it.
-    """
-    epochs, sites = len(found.time_gps_s), len(found.grid)
-    noisy = [name for name in found.methods if name not in found.exact]
-    scenarios = f"{epochs * sites * found.draws:,} scenarios for {', '.join(noisy)}" if noisy else ""
-    exact = f"one for each geometry for {', '.join(found.exact)}" if found.exact else ""
-    law = "" if found.noise == GAUSSIAN.name else f", noise {found.noise}"
-    off = f", without {', '.join(experiment.without)}" if experiment.without else ""
-    rows = [
-        [_limits(found, row.operation), method_label(row.method), _part(row, "availability"), _coverage(row),
-         _place(row.worst_latitude_deg, row.worst_longitude_deg) + f": {percent(row.worst_rate)} %"
-         if row.worst_rate < 1.0 else "-"]
-        for row in found.world.sort_values("operation", key=lambda names: names.map(_order(found)), kind="stable")
-        .itertuples()
-    ]  # fmt: skip
-    labels = durations_of(found.world)
-    continuity = [
-        [
-            row.operation,
-            method_label(row.method),
-            *(_lost(row, label) for label in labels),
-            *(_lost_count(row, label) for label in labels[-1:]),
-        ]
-        for row in found.world.sort_values(
-            "operation", key=lambda names: names.map(_order(found)), kind="stable"
-        ).itertuples()
+def summary(experiment: ServiceExperiment, volume: ServiceVolume, worst: pd.DataFrame) -> tuple[Block, ...]:
+    """Rates over the world by operation and method, continuity, and the sites of the table ``worst_sites``."""
+    noisy, exact = [name for name in volume.methods if name not in volume.exact], ", ".join(volume.exact)
+    # Operations in their order, methods within them in theirs.
+    world = [
+        (limits, row)
+        for limits in volume.operations
+        for row in volume.world[volume.world.operation == limits.name].itertuples()
     ]
     bounds = "Bounds are those of the draws (95 %)" if noisy else ""
-    if found.exact:
-        bounds += "; for " if noisy else "For "
+    if exact:
         bounds += (
-            f"{', '.join(found.exact)} bounds of the availability are those of the moments within a step at which "
-            "service may change, and continuity has none"
+            f"{'; for' if noisy else 'For'} {exact} bounds of the availability are those of the moments within a "
+            "step at which service may change, and continuity has none"
         )
-    few, mean = found.satellites.satellites_min, found.satellites.satellites_mean
-    lines = [
-        f"# {experiment.title}",
-        "",
-        f"{sites:,} users in cells of {found.grid.step_deg:g} deg, {epochs} epochs of {found.step_s:g} s from "
-        f"{experiment.start}; {', '.join(experiment.constellations)}{off}, {experiment.mask_deg:g} deg mask, error "
-        f"model {experiment.error_model}{law}, seed {found.seed}: {'; '.join(filter(None, (scenarios, exact)))}. "
-        f"Satellites in view: {few.min()} at least, {(found.grid.weight * mean).sum():.1f} on average.",
-        "",
-        "Availability: share of area and time in which VPL and HPL are within the limits, weighted with area; "
-        f"coverage: share of the area whose sites have {100 * COVERED:g} % or more. {bounds}; that users stand on "
-        "a grid is in none of them.",
-        "",
-        markdown_table(["operation", "method", "availability", "coverage", "worst site"], rows),
-        "",
-    ]
+    blocks: list[Block] = [
+        Paragraph(_setting(experiment, volume, noisy, exact)),
+        Paragraph(
+            "Availability: share of area and time in which VPL and HPL are within the limits, weighted with area; "
+            f"coverage: share of the area whose sites have {100 * COVERED:g} % or more. {bounds}; that users stand "
+            "on a grid is in none of them."
+        ),
+        TextTable.of(
+            ["operation", "method", "availability", "coverage", "worst site"],
+            [
+                [_limits(limits), method_label(row.method), _part(row, "availability"), _coverage(row),
+                 f"{_worst_place(row)}: {percent(row.worst_rate)} %" if row.worst_rate < 1.0 else "-"]
+                for limits, row in world
+            ],
+        ),
+    ]  # fmt: skip
+    labels = durations_of(volume.world)
     if labels:
-        longest = labels[-1].removesuffix("s")
-        header = ["operation", "method", *(f"lost within {label.removesuffix('s')} s" for label in labels)]
-        lines += [
-            "Operations that start available and do not stay so; and the count behind those of "
-            f"{longest} s: starts with service without it at a following epoch, {found.step_s:g} s apart. ICAO "
-            "Annex 10 asks approaches for 1 - 8e-6 in 15 s: no more than 8e-4 % lost, from all causes.",
-            "",
-            markdown_table([*header, "count"], continuity),
-            "",
-        ]
+        blocks += [
+            Paragraph(
+                "Operations that start available and do not stay so; and the count behind those of "
+                f"{labels[-1].removesuffix('s')} s: starts with service without it at a following epoch, "
+                f"{volume.step_s:g} s apart. ICAO Annex 10 asks approaches for 1 - 8e-6 in 15 s: no more than "
+                "8e-4 % lost, from all causes."
+            ),
+            TextTable.of(
+                ["operation", "method", *(f"lost within {label.removesuffix('s')} s" for label in labels), "count"],
+                [
+                    [limits.name, method_label(row.method), *(_lost(row, label) for label in labels),
+                     _lost_count(row, labels[-1])]
+                    for limits, row in world
+                ],
+            ),
+        ]  # fmt: skip
     if len(worst):
-        lines += ["Sites with the lowest availability, the worst first:", "", *_worst_lists(found, worst)]
-    labelled = "; ".join(f"{m}: {method_label(m)}" for m in found.methods if method_label(m) != m)
-    return "\n".join([*lines, f"{labelled}." if labelled else ""]).rstrip() + "\n"
+        blocks += [
+            Paragraph("Sites with the lowest availability, the worst first:"),
+            Bullets(tuple(item for limits, row in world if (item := _worst_list(limits, row, worst)))),
+        ]
+    labelled = [name for name in volume.methods if method_label(name) != name]
+    return (*blocks, Paragraph(method_key(labelled))) if labelled else tuple(blocks)
 
 
-def durations_of(table: pd.DataFrame) -> list[str]:
-    """Labels of the durations whose continuity a table holds: ``15s``."""
-    found = (re.fullmatch(r"continuity_(.+)_rate", str(column)) for column in table.columns)
-    return [match[1] for match in found if match]
-
-
-def service_answer(run: RunFolder) -> tuple[str, ...]:
-    """Of a service volume: availability by method, coverage with the worst place, and continuity."""
-    table, name = run.tables["world"], run.alert.name
-    rows = list(table[table.operation == name].itertuples())
+def answer(tables: Mapping[str, pd.DataFrame], experiment: ServiceExperiment) -> tuple[str, ...]:
+    """Availability by method, coverage with the worst place, and continuity."""
+    table, alert = tables["world"], experiment.alert_limits()
+    rows = list(table[table.operation == alert.name].itertuples())
     available = "; ".join(f"{method_label(row.method)} {_part(row, 'availability')}" for row in rows)
     covered = "; ".join(
         f"{method_label(row.method)} {_coverage(row)}"
         + (
-            f", the worst being {_place(row.worst_latitude_deg, row.worst_longitude_deg)} with "
-            f"{percent(row.worst_rate)} %"
+            f", the worst being {_worst_place(row)} with {percent(row.worst_rate)} %"
             if row.worst_rate < 1.0
             else ""
         )
         for row in rows
     )
     sentences = [
-        f"{name} (VAL {run.alert.vertical_m:g} m, HAL {run.alert.horizontal_m:g} m) is available in this share of "
+        f"{alert.name} (VAL {alert.vertical_m:g} m, HAL {alert.horizontal_m:g} m) is available in this share of "
         f"area and time: {available}.",
         f"Sites with {100 * COVERED:g} % or more of the day make up this share of the area: {covered}.",
     ]
-    labels = durations_of(table)
-    if labels:
-        lost = "; ".join(f"{method_label(row.method)} {_lost(row, labels[-1])}" for row in rows)
-        length = labels[-1].removesuffix("s")
+    for label in durations_of(table)[-1:]:
+        lost = "; ".join(f"{method_label(row.method)} {_lost(row, label)}" for row in rows)
         sentences.append(
-            f"Of operations of {length} s that start available, these do not stay so, as far as the epochs of the "
-            f"grid tell: {lost}."
+            f"Of operations of {label.removesuffix('s')} s that start available, these do not stay so, as far as "
+            f"the epochs of the grid tell: {lost}."
         )
     return tuple(sentences)
+
+
+def durations_of(table: pd.DataFrame) -> list[str]:
+    """Labels of the durations whose continuity a table holds: ``15s``."""
+    matches = (re.fullmatch(r"continuity_(.+)_rate", str(column)) for column in table.columns)
+    return [match[1] for match in matches if match]
+
+
+def rows_of(table: pd.DataFrame, method: str, operation: str) -> pd.DataFrame:
+    """The rows of one method and operation."""
+    return table[(table.method == method) & (table.operation == operation)]
+
+
+def _setting(experiment: ServiceExperiment, volume: ServiceVolume, noisy: list[str], exact: str) -> str:
+    epochs, sites = len(volume.time_gps_s), len(volume.grid)
+    scenarios = f"{epochs * sites * volume.draws:,} scenarios for {', '.join(noisy)}" if noisy else ""
+    counted = filter(None, (scenarios, f"one for each geometry for {exact}" if exact else ""))
+    law = "" if volume.noise == GAUSSIAN.name else f", noise {volume.noise}"
+    off = f", without {', '.join(experiment.without)}" if experiment.without else ""
+    fewest, mean = volume.satellites.satellites_min.min(), volume.satellites.satellites_mean
+    return (
+        f"{sites:,} users in cells of {volume.grid.step_deg:g} deg, {epochs} epochs of {volume.step_s:g} s from "
+        f"{experiment.start}; {', '.join(experiment.constellations)}{off}, {experiment.mask_deg:g} deg mask, error "
+        f"model {experiment.error_model}{law}, seed {volume.seed}: {'; '.join(counted)}. Satellites in view: "
+        f"{fewest} at least, {(volume.grid.weight * mean).sum():.1f} on average."
+    )
 
 
 def _part(row: Any, what: str) -> str:
@@ -154,7 +159,7 @@ def _coverage(row: Any) -> str:
 
 def _lost(row: Any, label: str) -> str:
     """Share of operations that are lost, with bounds."""
-    started, stayed = (int(getattr(row, f"{word}_{label}")) for word in ("started", "stayed"))
+    started, stayed = _started_and_stayed(row, label)
     if started == 0:
         return "none starts"
     rate, low, high = (1.0 - float(getattr(row, f"continuity_{label}_{part}")) for part in ("rate", "high", "low"))
@@ -167,35 +172,33 @@ def _lost(row: Any, label: str) -> str:
 
 
 def _lost_count(row: Any, label: str) -> str:
-    started, stayed = (int(getattr(row, f"{word}_{label}")) for word in ("started", "stayed"))
+    started, stayed = _started_and_stayed(row, label)
     return f"{started - stayed:,} of {started:,}"
 
 
-def _worst_lists(found: ServiceVolume, worst: pd.DataFrame) -> list[str]:
-    lines = []
-    for operation in (one.name for one in found.operations):
-        for method in found.methods:
-            rows = worst[(worst.operation == operation) & (worst.method == method)].head(_LISTED)
-            world = found.world[(found.world.operation == operation) & (found.world.method == method)]
-            if int(world.available.iloc[0]) == 0:
-                lines.append(f"- {operation}, {method_label(method)}: none anywhere.")
-            elif len(rows):
-                places = "; ".join(
-                    f"{_place(row.latitude_deg, row.longitude_deg)} {_part(row, 'availability')}"
-                    for row in rows.itertuples()
-                )
-                lines.append(f"- {operation}, {method_label(method)}: {places}.")
-    return [*lines, ""]
+def _started_and_stayed(row: Any, label: str) -> tuple[int, int]:
+    return int(getattr(row, f"started_{label}")), int(getattr(row, f"stayed_{label}"))
 
 
-def _limits(found: ServiceVolume, operation: str) -> str:
-    one = next(limits for limits in found.operations if limits.name == operation)
-    vertical = f"{one.vertical_m:g}" if one.has_vertical else "-"
-    return f"{operation} ({vertical} / {one.horizontal_m:g} m)"
+def _worst_list(limits: AlertLimits, row: Any, worst: pd.DataFrame) -> str:
+    """The worst sites of a method and an operation, whose row of the world it is; nothing where all serve."""
+    name = f"{limits.name}, {method_label(row.method)}"
+    if int(row.available) == 0:
+        return f"{name}: none anywhere."
+    places = "; ".join(
+        f"{_place(site.latitude_deg, site.longitude_deg)} {_part(site, 'availability')}"
+        for site in rows_of(worst, row.method, limits.name).head(_LISTED).itertuples()
+    )
+    return f"{name}: {places}." if places else ""
 
 
-def _order(found: ServiceVolume) -> dict[str, int]:
-    return {one.name: k for k, one in enumerate(found.operations)}
+def _limits(limits: AlertLimits) -> str:
+    vertical = f"{limits.vertical_m:g}" if limits.has_vertical else "-"
+    return f"{limits.name} ({vertical} / {limits.horizontal_m:g} m)"
+
+
+def _worst_place(row: Any) -> str:
+    return _place(row.worst_latitude_deg, row.worst_longitude_deg)
 
 
 def _place(latitude_deg: float, longitude_deg: float) -> str:

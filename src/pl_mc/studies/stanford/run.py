@@ -2,27 +2,29 @@
 
 from __future__ import annotations
 
-import dataclasses
-from pathlib import Path
+from collections.abc import Iterator
+from functools import partial
 from typing import Literal
 
-import pandas as pd
 from pydantic import Field
 
+from pl_mc.alert import BY_NAME
 from pl_mc.engine import Execution
-from pl_mc.engine.stanford import REGIONS, Grid, StanfordCounts, stanford_counts
-from pl_mc.experiments.output import write_table
-from pl_mc.faults import Faults, no_fault, ramps
+from pl_mc.engine.stanford import Grid, stanford_counts
+from pl_mc.faults import Faults, no_fault, ramps, require_satellite
 from pl_mc.geometry import Geometry
 from pl_mc.input_errors import InputError
-from pl_mc.report.figures import method_label, save_figure
-from pl_mc.report.text import markdown_table, rate_text
-from pl_mc.studies.spec import Experiment, SimulatedGeometry
+from pl_mc.report.findings import Findings, Picture, Table
+from pl_mc.studies.spec import Experiment, RampSizes, SimulatedGeometry, scaled_noise
 from pl_mc.studies.stanford.figures import stanford_figure
-from pl_mc.studies.sweep.map import RampSizes
+from pl_mc.studies.stanford.text import summary
+from pl_mc.studies.study import Check, Work, refuse
 
 # The regions that are parts of the plane.
 _IN_PLANE = 6
+
+# Scenarios a second of both methods of the shipped experiment, from the seconds of its manifest, on two cores.
+_SCENARIOS_PER_S = 3.4e5
 
 
 class StanfordExperiment(Experiment):
@@ -47,33 +49,49 @@ class StanfordExperiment(Experiment):
     cell_m: float = 0.5
 
 
-def run(experiment: StanfordExperiment, folder: Path, *, execution: Execution) -> tuple[str, tuple[str, ...]]:
-    """Write ``stanford.csv`` (counts by cell), ``regions.csv`` and the diagram.
-
-    Returns:
-        The summary in Markdown, and notes.
-    """
+def run(experiment: StanfordExperiment, execution: Execution) -> Findings:
+    """Counts by cell and by region, and the diagram."""
     alert, grid = experiment.alert_limits(), Grid(experiment.reach_m, experiment.cell_m)
     grid.require_limit(alert.vertical_m)
     g = scaled_noise(experiment.geometry.build(), experiment.noise_scale)
-    found = stanford_counts(
+    counts = stanford_counts(
         g, _faults(experiment, g), draws=experiment.draws, seed=experiment.seed,
         methods=experiment.method_records(), alert=alert, grid=grid, precision=experiment.precision,
         workers=execution.workers, progress=execution.progress,
     )  # fmt: skip
-    regions = found.regions()
-    write_table(found.cells(), folder, "stanford")
-    write_table(regions, folder, "regions")
-    figure = stanford_figure(
-        found.counts[:, :_IN_PLANE].sum(axis=1), regions, grid.edges_m, alert=alert, title=experiment.title
-    )
-    save_figure(figure, folder, "stanford")
-    return _summary(experiment, g, found, regions), ()
+    regions = counts.regions()
+    plane = counts.counts[:, :_IN_PLANE].sum(axis=1)
+    figure = stanford_figure(plane, regions, grid.edges_m, alert=alert, title=experiment.title)
+    return Findings(
+        summary=summary(experiment, g, counts, regions),
+        tables=(Table("stanford", counts.cells()), Table("regions", regions)),
+        pictures=(
+            Picture(
+                "stanford", figure,
+                "Vertical error against vertical protection level, number of scenarios in each cell.",
+            ),
+        ),
+    )  # fmt: skip
 
 
-def scaled_noise(g: Geometry, factor: float) -> Geometry:
-    """The geometry with every sigma multiplied."""
-    return g if factor == 1.0 else dataclasses.replace(g, sigma_m=g.sigma_m * factor)
+def work(experiment: StanfordExperiment) -> Work:
+    """What a run costs."""
+    g = experiment.geometry.build()
+    cases = int(_faults(experiment, g).applies(g).sum()) * experiment.draws
+    scenarios = cases * len(experiment.method_records())
+    # The rate is of two methods, counted once.
+    return Work(scenarios, scenarios / 2 / _SCENARIOS_PER_S)
+
+
+def checks(experiment: StanfordExperiment, g: Geometry | None) -> Iterator[Check]:
+    """The plane holds the alert limit, and satellites have a ramp."""
+    limit_m = BY_NAME[experiment.alert].vertical_m if experiment.alert in BY_NAME else 0.0
+    yield "reach_m", lambda: Grid(experiment.reach_m, experiment.cell_m).require_limit(limit_m)
+    if experiment.faults is None and experiment.satellites:
+        yield "satellites", lambda: refuse("they get a ramp, which faults has to give.")
+    if g is not None:
+        for name in experiment.satellites:
+            yield "satellites", partial(require_satellite, g, name)
 
 
 def _faults(experiment: StanfordExperiment, g: Geometry) -> Faults:
@@ -84,41 +102,3 @@ def _faults(experiment: StanfordExperiment, g: Geometry) -> Faults:
         return no_fault(g)
     names = experiment.satellites or g.names
     return ramps(g, satellites=names, start_m=sizes.start_m, stop_m=sizes.stop_m, step_m=sizes.step_m)
-
-
-def _summary(experiment: StanfordExperiment, g: Geometry, found: StanfordCounts, regions: pd.DataFrame) -> str:
-    alert, sizes = experiment.alert_limits(), experiment.faults
-    rows = []
-    for region in REGIONS:
-        part = regions[regions.region == region].set_index("method")
-        cells = [region]
-        for method in found.methods:
-            row = part.loc[method]
-            text = rate_text(int(row["count"]), int(row["scenarios"]), row["low"], row["high"])
-            cells += [f"{int(row['count']):,}", text]
-        rows.append(cells)
-    what = (
-        "fault-free"
-        if sizes is None
-        else f"{sizes.start_m:g} to {sizes.stop_m:g} m in steps of {sizes.step_m:g} m on "
-        f"{', '.join(experiment.satellites) or 'every satellite'} in turn, each size as often as the others"
-    )
-    epochs = f"{len(g)} epochs" if g.is_series else f"epoch {int(g.epoch)}"
-    lines = [
-        f"# {experiment.title}",
-        "",
-        f"{epochs}, {what}; {experiment.draws:,} draws each, seed {experiment.seed}, sigma times "
-        f"{experiment.noise_scale:g}: {found.scenarios:,} scenarios a method. {alert.name}, VAL "
-        f"{alert.vertical_m:g} m. Rates over all scenarios with 95 % bounds that count each noise draw once "
-        f"({found.independent_draws:,}), since all faults of an epoch share its noise. They are means over the "
-        "faults of this run, not risks of a flight: a fault has no probability here.",
-        "",
-        markdown_table(["region", *(f"{w}, {m}" for m in found.methods for w in ("count", "rate"))], rows),
-        "",
-        "system unavailable: VPL > VAL, an alarm. misleading: error beyond the level without an alarm, but within "
-        "VAL. hazardously misleading: beyond VAL, which is a missed detection. Together they are what a sweep "
-        "calls misleading.",
-        "",
-        "; ".join(f"{m}: {method_label(m)}" for m in found.methods if method_label(m) != m) + ".",
-    ]
-    return "\n".join(lines) + "\n"

@@ -1,0 +1,21 @@
+"""Rates of events under faults: fault by fault, satellite by satellite, or as maps over time."""
+
+from pl_mc.studies.study import Study
+from pl_mc.studies.sweep.run import SweepExperiment, run, sweeps
+from pl_mc.studies.sweep.text import answer
+
+_HOW_OFTEN = "how often does each method alarm, mislead or miss"
+
+QUESTIONS = {
+    "faults": f"H{_HOW_OFTEN[1:]}, fault by fault?",
+    "satellites": f"With a bias on one satellite after the other, {_HOW_OFTEN}?",
+    "map": f"With a bias on every satellite in turn at every epoch, {_HOW_OFTEN}?",
+}
+
+STUDY = Study(
+    model=SweepExperiment,
+    question=lambda experiment: QUESTIONS[experiment.view],
+    run=run,
+    answer=answer,
+    sweeps=sweeps,
+)

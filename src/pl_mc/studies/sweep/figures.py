@@ -1,14 +1,32 @@
-"""Figures of a sweep: protection levels and event rates against the bias."""
+"""Figures of a sweep: levels and rates against the bias or fault by fault, satellites in rows, maps over time.
+
+All take the alert limits, whose vertical one they name, and a title.
+"""
 
 from __future__ import annotations
+
+from collections.abc import Iterator
 
 import numpy as np
 import pandas as pd
 from matplotlib.axes import Axes
+from matplotlib.colors import LogNorm, Normalize
 from matplotlib.figure import Figure
 
 from pl_mc.alert import AlertLimits
-from pl_mc.report.figures import in_common_look, limit_line, method_label, new_figure, series_style
+from pl_mc.report.figures import (
+    SeriesStyle,
+    bar_lengths,
+    in_common_look,
+    limit_line,
+    method_label,
+    new_figure,
+    note,
+    series_style,
+)
+
+_MISLEADING = "P(|vertical error| > VPL, no alarm)"
+_MEANING = {"alarm": "P(alarm)", "missed": "P(|vertical error| > VAL, no alarm)", "misleading": _MISLEADING}
 
 
 @in_common_look
@@ -21,41 +39,35 @@ def ramp_figure(
         rates: a sweep's table for one epoch, or summed over epochs, with one row per method and bias.
         levels: quantiles of the levels by method and bias: ``method, bias_m, vpl_05_m, vpl_50_m, vpl_95_m``.
         exact: rates of least squares in closed form, on a finer grid: ``bias_m, alarm_rate, misleading_rate``.
-        alert: alert limits.
-        title: heading.
     """
-    figure, (top, middle, bottom) = new_figure(3, 1, width_in=7.2, height_in=9.0, sharex=True)
-    figure.suptitle(title, x=0.01, ha="left", fontsize=11)
-    for k, (name, group) in enumerate(levels.groupby("method", sort=False)):
-        style = series_style(k)
+    figure, (top, middle, bottom) = new_figure(3, 1, width_in=7.2, height_in=9.0, title=title, sharex=True)
+    for label, style, group in _by_method(levels):
         top.fill_between(group.bias_m, group.vpl_05_m, group.vpl_95_m, color=style.colour, alpha=0.2, linewidth=0)
         top.plot(
             group.bias_m, group.vpl_50_m, style.line, marker=style.marker, markersize=4, color=style.colour,
-            label=f"{method_label(str(name))}, median and 5-95 %",
+            label=f"{label}, median and 5-95 %",
         )  # fmt: skip
     limit_line(top, alert.vertical_m, f"VAL {alert.vertical_m:g} m")
     top.set(ylabel="vertical protection level [m]", ylim=(0, None))
     top.set_title("Protection level")
     top.legend(loc="upper left")
 
-    for axes, event in ((middle, "alarm"), (bottom, "misleading")):
-        for k, (name, group) in enumerate(rates.groupby("method", sort=False)):
-            _rate_points(axes, group, event, k, method_label(str(name)))
-    middle.plot(exact.bias_m, exact.alarm_rate, color="0.25", linewidth=0.9, label="least squares, exact")
+    for axes, event, curve in (
+        (middle, "alarm", exact), (bottom, "misleading", exact[exact.misleading_rate > 1e-12]),
+    ):  # fmt: skip
+        for label, style, group in _by_method(rates):
+            _rate_points(axes, group, event, style, label)
+        rate = curve[f"{event}_rate"]
+        axes.plot(curve.bias_m, rate, color="0.25", linewidth=0.9, label="least squares, exact")
     middle.set(ylabel=f"P(alarm), VAL {alert.vertical_m:g} m", ylim=(-0.03, 1.05))
     middle.set_title("Alarms, with 95 % intervals")
     middle.legend(loc="center right")
-
-    positive = exact[exact.misleading_rate > 1e-12]
-    bottom.plot(
-        positive.bias_m, positive.misleading_rate, color="0.25", linewidth=0.9, label="least squares, exact"
-    )
     bottom.axhline(1e-7, color="0.15", linewidth=1.0, linestyle=":")
-    bottom.annotate(
-        "1e-7, what K_V = 5.33 stands for", xy=(0.995, 1e-7), xycoords=("axes fraction", "data"), xytext=(0, 2),
-        textcoords="offset points", ha="right", va="bottom", fontsize=8.5, color="0.15",
+    note(
+        bottom, "1e-7, what K_V = 5.33 stands for", (0.995, 1e-7), shift=(0, 2),
+        xycoords=("axes fraction", "data"), ha="right", va="bottom", fontsize=8.5, color="0.15",
     )  # fmt: skip
-    bottom.set(yscale="log", ylabel="P(|vertical error| > VPL, no alarm)", xlabel="bias [m]", ylim=(1e-9, 2.0))
+    bottom.set(yscale="log", ylabel=_MISLEADING, xlabel="bias [m]", ylim=(1e-9, 2.0))
     bottom.set_title("Misleading information (arrow: 95 % upper bound where nothing was seen)")
     bottom.legend(loc="lower right", ncols=2)
     return figure
@@ -67,50 +79,150 @@ def rates_by_fault_figure(rates: pd.DataFrame, *, alert: AlertLimits, title: str
 
     Args:
         rates: a table with one row per method and fault.
-        alert: alert limits.
-        title: heading.
     """
-    faults = list(dict.fromkeys(rates.fault))
-    figure, (left, right) = new_figure(
-        1, 2, width_in=9.0, height_in=1.6 + 0.32 * len(faults) * rates.method.nunique(), sharey=True
-    )
-    figure.suptitle(title, x=0.01, ha="left", fontsize=11)
-    methods = list(dict.fromkeys(rates.method))
-    place = {fault: k for k, fault in enumerate(faults)}
-    for k, name in enumerate(methods):
-        group, style = rates[rates.method == name], series_style(k)
-        y = group.fault.map(place) + 0.6 * ((k + 0.5) / len(methods) - 0.5)
+    place = {fault: k for k, fault in enumerate(dict.fromkeys(rates.fault))}
+    count = rates.method.nunique()
+    height_in = 1.6 + 0.32 * len(place) * count
+    figure, (left, right) = new_figure(1, 2, width_in=9.0, height_in=height_in, title=title, sharey=True)
+    for k, (label, style, group) in enumerate(_by_method(rates)):
+        y = group.fault.map(place) + 0.6 * ((k + 0.5) / count - 0.5)
         for axes, event in ((left, "alarm"), (right, "misleading")):
-            low, high = group[f"{event}_low"], group[f"{event}_high"]
-            axes.hlines(y, low, high, color=style.colour, linewidth=1.5)
+            axes.hlines(y, group[f"{event}_low"], group[f"{event}_high"], color=style.colour, linewidth=1.5)
             axes.plot(
                 group[f"{event}_rate"], y, linestyle="none", marker=style.marker, markersize=5, color=style.colour,
-                label=method_label(str(name)),
+                label=label,
             )  # fmt: skip
-    left.set(yticks=range(len(faults)), yticklabels=faults, xlabel=f"P(alarm), VAL {alert.vertical_m:g} m")
+    left.set(yticks=range(len(place)), yticklabels=place, xlabel=f"P(alarm), VAL {alert.vertical_m:g} m")
     left.invert_yaxis()
-    right.set(xlabel="P(|vertical error| > VPL, no alarm)")
+    right.set(xlabel=_MISLEADING)
     left.set_title("Alarms, with 95 % intervals")
     right.set_title("Misleading information")
     right.legend(loc="best")
     return figure
 
 
-def _rate_points(axes: Axes, group: pd.DataFrame, event: str, index: int, label: str) -> None:
-    """Rates with their bounds; an arrow down from the upper bound where the count is zero."""
-    style = series_style(index)
-    seen = group[group[f"{event}_rate"] > 0] if axes.get_yscale() == "log" or event == "misleading" else group
-    rate = seen[f"{event}_rate"]
-    spread = np.vstack([rate - seen[f"{event}_low"], seen[f"{event}_high"] - rate])
-    if len(seen):
+@in_common_look
+def realisation_figure(outcomes: pd.DataFrame, *, alert: AlertLimits, title: str) -> Figure:
+    """VPL of every method against the bias for one noise draw, as figure 6 of Zhao et al. 2021 shows it.
+
+    Args:
+        outcomes: one draw's rows of `pl_mc.sample`: ``method, bias_m, vpl_m``.
+    """
+    figure, (axes,) = new_figure(1, 1, width_in=7.2, height_in=4.2)
+    for label, style, group in _by_method(outcomes):
+        axes.plot(
+            group.bias_m, group.vpl_m, style.line, marker=style.marker, markersize=4.5, color=style.colour,
+            label=label,
+        )  # fmt: skip
+    limit_line(axes, alert.vertical_m, f"VAL {alert.vertical_m:g} m")
+    axes.set(xlabel="bias [m]", ylabel="vertical protection level [m]", ylim=(0, None))
+    axes.set_title(f"{title}; one noise draw")
+    axes.legend(loc="upper left")
+    return figure
+
+
+@in_common_look
+def satellite_figure(rates: pd.DataFrame, satellites: pd.DataFrame, *, alert: AlertLimits, title: str) -> Figure:
+    """Alarm rate and rate of misleading information by satellite and bias, one column of panels per method.
+
+    Args:
+        rates: a sweep's table with the column ``satellite``.
+        satellites: ``satellite, elevation_deg, redundancy``.
+    """
+    methods = list(dict.fromkeys(rates.method))
+    facts = satellites.sort_values("redundancy").set_index("satellite")
+    labels = [f"{row.Index}  r {row.redundancy:.2f}  {row.elevation_deg:2.0f}°" for row in facts.itertuples()]
+    height_in = 1.6 + 0.42 * len(labels)
+    figure, axes = new_figure(
+        2, len(methods), width_in=4.3 * len(methods) + 0.8, height_in=height_in, sharex=True, sharey=True
+    )
+    figure.suptitle(f"{title}; every satellite, sorted by redundancy number r (elevation)", x=0.01, ha="left")
+    floor = 0.5 / rates.draws.max()
+    for row, (event, heading, norm) in enumerate(
+        (
+            ("alarm", f"P(alarm), VAL {alert.vertical_m:g} m", Normalize(0.0, 1.0)),
+            ("misleading", _MISLEADING, LogNorm(floor, 1.0)),
+        )
+    ):
+        panels = axes[row * len(methods) : (row + 1) * len(methods)]
+        for panel, method in zip(panels, methods, strict=True):
+            grid = rates[rates.method == method].pivot(index="satellite", columns="bias_m", values=f"{event}_rate")
+            values = grid.loc[facts.index].to_numpy()
+            seen = np.ma.masked_less_equal(values, 0.0) if event == "misleading" else values
+            image = panel.pcolormesh(grid.columns, np.arange(len(labels)), seen, norm=norm, cmap="viridis")
+            panel.grid(visible=False)
+            panel.set_facecolor("0.93")
+            panel.set_title(f"{method_label(method)}: {event}")
+        panels[0].set_yticks(np.arange(len(labels)), labels, family="monospace", fontsize=7.5)
+        figure.colorbar(image, ax=panels, label=heading, pad=0.01)
+    for panel in panels:
+        panel.set_xlabel("bias [m]; grey: none seen" if panel is panels[0] else "bias [m]")
+    return figure
+
+
+@in_common_look
+def map_figure(rates: pd.DataFrame, *, event: str, alert: AlertLimits, title: str) -> Figure:
+    """The rate of one event by epoch and faulted satellite, averaged over the ramp; one panel per method.
+
+    Args:
+        rates: ``epoch, satellite, method, draws``, ``<event>_rate`` and ``<event>_high``.
+        event: ``alarm``, ``missed`` or ``misleading``.
+    """
+    methods = list(dict.fromkeys(rates.method))
+    satellites = sorted(rates.satellite.unique(), key=lambda name: ("GCER".index(name[0]), name))
+    places = np.arange(len(satellites))
+    height_in = 1.0 + (1.0 + 0.115 * len(satellites)) * len(methods)
+    figure, axes = new_figure(len(methods), 1, width_in=9.0, height_in=height_in, sharex=True)
+    figure.suptitle(
+        f"{title}: {_MEANING[event]}, mean over the biases; VAL {alert.vertical_m:g} m", x=0.01, ha="left"
+    )
+    column = f"{event}_rate"
+    floor = 0.5 / rates.draws.max()
+    norm = Normalize(0.0, 1.0) if event == "alarm" else LogNorm(floor, max(float(rates[column].max()), 10 * floor))
+    for panel, method in zip(axes, methods, strict=True):
+        part = rates[rates.method == method]
+        grid = part.pivot(index="satellite", columns="epoch", values=column).reindex(index=satellites)
+        values = grid.to_numpy()
+        # White is out of view, grey is in view with nothing seen.
+        panel.pcolormesh(
+            grid.columns, places, np.where(np.isfinite(values), 0.0, np.nan), cmap="gray", vmin=-7.0, vmax=0.5,
+            shading="nearest", rasterized=True,
+        )  # fmt: skip
+        shown = (
+            np.ma.masked_invalid(values) if event == "alarm" else np.ma.masked_less_equal(np.nan_to_num(values), 0)
+        )
+        image = panel.pcolormesh(
+            grid.columns, places, shown, norm=norm, cmap="viridis", shading="nearest", rasterized=True
+        )
+        panel.grid(visible=False)
+        panel.set_yticks(places, satellites, fontsize=6)
+        panel.invert_yaxis()
+        bound = f"none seen, below {part[f'{event}_high'].max():.2g} in each cell (95 % bound)"
+        panel.set_title(method_label(method) + ("" if np.nanmax(values) > 0 else f": {bound}"))
+    axes[-1].set_xlabel("epoch" + ("" if event == "alarm" else "; grey: in view, none seen"))
+    if rates[column].max() > 0:
+        figure.colorbar(image, ax=axes, label=_MEANING[event], pad=0.01)
+    return figure
+
+
+def _by_method(table: pd.DataFrame) -> Iterator[tuple[str, SeriesStyle, pd.DataFrame]]:
+    """Label, style and rows of each method, in order."""
+    for k, (name, group) in enumerate(table.groupby("method", sort=False)):
+        yield method_label(str(name)), series_style(k), group
+
+
+def _rate_points(axes: Axes, group: pd.DataFrame, event: str, style: SeriesStyle, label: str) -> None:
+    """Rates with their bounds; where the count of a rare event is zero, an arrow down from the upper bound."""
+    rate, low, high = (group[f"{event}_{part}"] for part in ("rate", "low", "high"))
+    seen = (rate > 0) | (event != "misleading")
+    if seen.any():
         axes.errorbar(
-        seen.bias_m, rate, yerr=np.maximum(spread, 0.0), linestyle="none",
-        marker=style.marker, markersize=4, color=style.colour, linewidth=1.2, capsize=2, label=label,
-    )  # fmt: skip
-    unseen = group.drop(seen.index)
-    if len(unseen):
+            group.bias_m[seen], rate[seen], yerr=bar_lengths(rate[seen], low[seen], high[seen]), linestyle="none",
+            marker=style.marker, markersize=4, color=style.colour, linewidth=1.2, capsize=2, label=label,
+        )  # fmt: skip
+    if not seen.all():
+        bound = high[~seen]
         axes.errorbar(
-            unseen.bias_m, unseen[f"{event}_high"], yerr=0.5 * unseen[f"{event}_high"], uplims=True,
-            linestyle="none", marker=style.marker, markersize=4, markerfacecolor="none", color=style.colour,
-            label=f"{label}, upper bound",
+            group.bias_m[~seen], bound, yerr=0.5 * bound, uplims=True, linestyle="none", marker=style.marker,
+            markersize=4, markerfacecolor="none", color=style.colour, label=f"{label}, upper bound",
         )  # fmt: skip

@@ -1,0 +1,15 @@
+"""Ramps in time: errors that grow on one satellite, and how long they stay unseen."""
+
+from pl_mc.studies.study import Study
+from pl_mc.studies.time_ramps.run import TimeRampsExperiment, checks, run, work
+from pl_mc.studies.time_ramps.text import answer
+
+STUDY = Study(
+    model=TimeRampsExperiment,
+    question="How long does an error that grows on one satellite stay unseen, by tests of single epochs and by "
+    "sequential ones?",
+    run=run,
+    answer=answer,
+    work=work,
+    checks=checks,
+)

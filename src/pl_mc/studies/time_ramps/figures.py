@@ -3,18 +3,20 @@
 from __future__ import annotations
 
 import textwrap
+from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
 import pandas as pd
 from matplotlib.axes import Axes
+from matplotlib.axis import Axis
 from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 from matplotlib.ticker import FixedLocator, FuncFormatter, NullLocator
 
 from pl_mc.alert import AlertLimits
 from pl_mc.report.figures import SeriesStyle, in_common_look, limit_line, new_figure, series_style
-from pl_mc.studies.time_ramps.text import same_methods
+from pl_mc.studies.time_ramps.text import LIMITS_S, same_methods
 
 # More methods than the common look has styles for.
 _FURTHER = (
@@ -24,58 +26,43 @@ _FURTHER = (
     SeriesStyle("#44AA99", "--", ">"),
 )
 _COMMON = 6
-_LIMITS_S = (6, 10, 30)
-_TICKS_S = (-1000, -100, -10, 0, 10, 100, 1000)
 
 
 @in_common_look
 def alert_figure(table: pd.DataFrame, *, alert: AlertLimits, title: str) -> Figure:
     """The median error at the alarm, and the delay of the alarm that 95 % of passes keep, against the rate.
 
-    Where a curve stops 5 % (half, in the upper panels) of the passes or more had no alarm before the end.
-
-    Args:
-        table: see `pl_mc.time_to_alert`.
-        alert: alert limits.
-        title: heading.
+    Where a curve of the table of `pl_mc.time_to_alert` stops 5 % (half, in the upper panels) of the passes or more
+    had no alarm before the end.
     """
     ramps = table[table.rate_m_per_s > 0]
     taus, groups = list(dict.fromkeys(ramps.tau_s)), same_methods(table)
     figure, axes = new_figure(
-        2, len(taus), width_in=4.7 * len(taus) + 0.6, height_in=8.4, sharex=True, sharey="row"
+        2, len(taus), width_in=4.7 * len(taus) + 0.6, height_in=8.4, title=title, sharex=True, sharey="row"
     )
-    figure.suptitle(title, x=0.01, ha="left", fontsize=11)
-    for column, tau in enumerate(taus):
-        upper, lower = axes[column], axes[len(taus) + column]
+    for tau, upper, lower in zip(taus, axes, axes[len(taus) :], strict=False):
         for number, group in enumerate(groups):
-            rows = ramps[(ramps.tau_s == tau) & (ramps.method == group[0])]
+            rows, style = ramps[(ramps.tau_s == tau) & (ramps.method == group[0])], _style(number)
             heard = rows[rows.detected_rate >= 0.5]
-            style = _style(number)
             _line(upper, heard.rate_m_per_s, heard.error_at_alert_50_m, style)
             kept = rows[np.isfinite(rows.alert_after_hazard_95_s)]
             _line(lower, kept.rate_m_per_s, kept.alert_after_hazard_95_s, style)
-        heading = _heading(float(tau))
         upper.set(xscale="log", yscale="log")
-        upper.set_title(f"{heading}: median error at the alarm [m]")
+        upper.set_title(f"{_heading(tau)}: median error at the alarm [m]")
         limit_line(upper, alert.vertical_m, f"VAL {alert.vertical_m:g} m")
         lower.set_yscale("symlog", linthresh=10.0, linscale=0.8)
-        lower.yaxis.set_major_locator(FixedLocator(_TICKS_S))
-        lower.yaxis.set_minor_locator(NullLocator())
-        lower.yaxis.set_major_formatter(FuncFormatter(lambda value, _: f"{value:g}"))
-        lower.set_title(f"{heading}: alarm after the error passed VAL [s], 95 %")
+        _plain_ticks(lower.yaxis, (-1000, -100, -10, 0, 10, 100, 1000))
+        lower.set_title(f"{_heading(tau)}: alarm after the error passed VAL [s], 95 %")
         lower.set_xlabel("rate of the ramp [m/s]")
         # Room for the names of the limits.
         lower.set_xlim(0.75 * float(ramps.rate_m_per_s.min()), 2.6 * float(ramps.rate_m_per_s.max()))
-        for limit in _LIMITS_S:
+        for limit in LIMITS_S:
             lower.axhline(limit, color="0.15", linewidth=0.9, linestyle=(0, (6, 2)), zorder=1.5)
             lower.annotate(
                 f"{limit} s", xy=(0.995, limit), xycoords=("axes fraction", "data"), ha="right", va="bottom",
                 fontsize=7.5, color="0.15",
             )  # fmt: skip
-    upper_ticks = [2, 5, 10, 20, 50, 100, 200, 500]
-    axes[0].yaxis.set_major_locator(FixedLocator(upper_ticks))
-    axes[0].yaxis.set_minor_locator(NullLocator())
-    axes[0].yaxis.set_major_formatter(FuncFormatter(lambda value, _: f"{value:g}"))
+    _plain_ticks(axes[0].yaxis, (2, 5, 10, 20, 50, 100, 200, 500))
     _legend(figure, groups)
     return figure
 
@@ -84,42 +71,36 @@ def alert_figure(table: pd.DataFrame, *, alert: AlertLimits, title: str) -> Figu
 def late_figure(table: pd.DataFrame, *, title: str) -> Figure:
     """The share of passes whose alarm is later than each limit after the error passed VAL, against the rate.
 
-    Open triangles are 95 % upper bounds where no alarm was late.
-
-    Args:
-        table: see `pl_mc.time_to_alert`.
-        title: heading.
+    Open triangles are 95 % upper bounds where no alarm was late; the table is that of `pl_mc.time_to_alert`.
     """
     ramps = table[(table.rate_m_per_s > 0) & (table.hazards > 0)]
     taus, groups = list(dict.fromkeys(ramps.tau_s)), same_methods(table)
     figure, axes = new_figure(
-        len(taus), len(_LIMITS_S), width_in=12.6, height_in=3.5 * len(taus) + 1.5, sharex=True, sharey=True,
+        len(taus), len(LIMITS_S), width_in=12.6, height_in=3.5 * len(taus) + 1.5, title=title, sharex=True,
+        sharey=True,
     )  # fmt: skip
-    figure.suptitle(title, x=0.01, ha="left", fontsize=11)
-    for row, tau in enumerate(taus):
-        for column, limit in enumerate(_LIMITS_S):
-            panel = axes[row * len(_LIMITS_S) + column]
-            for number, group in enumerate(groups):
-                rows = ramps[(ramps.tau_s == tau) & (ramps.method == group[0])]
-                style, seen = _style(number), rows[f"late_{limit}"] > 0
-                # A line ends where nothing was seen.
-                value = rows[f"late_{limit}_rate"].where(seen)
-                panel.errorbar(
-                    rows.rate_m_per_s, value,
-                    yerr=[value - rows[f"late_{limit}_low"], rows[f"late_{limit}_high"] - value], fmt="none",
-                    ecolor=style.colour, elinewidth=0.9, zorder=2.0,
-                )  # fmt: skip
-                _line(panel, rows.rate_m_per_s, value, style)
-                # Every method has as many passes, and so the same bound.
-                none = rows[~seen]
-                panel.plot(
-                    none.rate_m_per_s, none[f"late_{limit}_high"], "v", markersize=5.0, markerfacecolor="none",
-                    color="0.45", zorder=1.8,
-                )  # fmt: skip
-            panel.set(xscale="log", yscale="log", ylim=(0.3 / float(ramps.passes.max()), 1.5))
-            panel.set_title(f"{_heading(float(tau))}: P(alarm later than {limit} s)")
-            if row == len(taus) - 1:
-                panel.set_xlabel("rate of the ramp [m/s]")
+    for panel, (tau, limit) in zip(axes, ((tau, limit) for tau in taus for limit in LIMITS_S), strict=True):
+        for number, group in enumerate(groups):
+            rows, style = ramps[(ramps.tau_s == tau) & (ramps.method == group[0])], _style(number)
+            seen = rows[f"late_{limit}"] > 0
+            # A line ends where nothing was seen.
+            value = rows[f"late_{limit}_rate"].where(seen)
+            panel.errorbar(
+                rows.rate_m_per_s, value,
+                yerr=[value - rows[f"late_{limit}_low"], rows[f"late_{limit}_high"] - value], fmt="none",
+                ecolor=style.colour, elinewidth=0.9, zorder=2.0,
+            )  # fmt: skip
+            _line(panel, rows.rate_m_per_s, value, style)
+            # Every method has as many passes, and so the same bound.
+            none = rows[~seen]
+            panel.plot(
+                none.rate_m_per_s, none[f"late_{limit}_high"], "v", markersize=5.0, markerfacecolor="none",
+                color="0.45", zorder=1.8,
+            )  # fmt: skip
+        panel.set(xscale="log", yscale="log", ylim=(0.3 / float(ramps.passes.max()), 1.5))
+        panel.set_title(f"{_heading(tau)}: P(alarm later than {limit} s)")
+        if tau == taus[-1]:
+            panel.set_xlabel("rate of the ramp [m/s]")
     _legend(figure, groups, unseen=True)
     return figure
 
@@ -130,6 +111,13 @@ def _style(number: int) -> SeriesStyle:
 
 def _line(panel: Axes, x: pd.Series, y: pd.Series, style: SeriesStyle) -> None:
     panel.plot(x, y, style.line, marker=style.marker, markersize=4.2, color=style.colour, linewidth=1.3, zorder=2.5)
+
+
+def _plain_ticks(axis: Axis, places: Sequence[float]) -> None:
+    """Ticks at these places and no others, as plain numbers."""
+    axis.set_major_locator(FixedLocator(places))
+    axis.set_minor_locator(NullLocator())
+    axis.set_major_formatter(FuncFormatter(lambda value, _: f"{value:g}"))
 
 
 def _heading(tau: float) -> str:

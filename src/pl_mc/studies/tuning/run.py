@@ -9,32 +9,33 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 from dataclasses import replace
-from pathlib import Path
-from typing import Annotated, Any, Literal
+from typing import Annotated, Literal
 
 import numpy as np
 import pandas as pd
 from pydantic import Field
 
-from pl_mc.alert import AlertLimits
 from pl_mc.engine import Execution
-from pl_mc.experiments.output import write_table
-from pl_mc.faults import Faults, biases, no_fault
+from pl_mc.faults import Faults, no_fault
 from pl_mc.geometry import Geometry
 from pl_mc.input_errors import InputError
 from pl_mc.integrity_risk.k_factor.calibrate import calibrate
 from pl_mc.integrity_risk.tuning.tune import tune
 from pl_mc.integrity_risk.worst.worst_case import worst_case
 from pl_mc.methods import Igg3, Ls
-from pl_mc.report.figures import save_figure
+from pl_mc.report.findings import Findings, Picture, Table
 from pl_mc.runtime.progress import with_progress
 from pl_mc.runtime.threads import cores, in_order
 from pl_mc.statistics import ls_quantities, ls_rates
-from pl_mc.studies.spec import Experiment, SimulatedGeometry
+from pl_mc.studies.spec import Experiment, ListedFaults, SimulatedGeometry
+from pl_mc.studies.study import Work
 from pl_mc.studies.tuning.figures import tuning_figure
-from pl_mc.studies.tuning.text import judged, tuning_summary
+from pl_mc.studies.tuning.text import judged, summary
 
 ObjectiveName = Literal["vpl", "alarms"]
+
+# Scenarios a second on two cores, from the seconds in the manifest of the shipped experiment.
+_SCENARIOS_PER_S = 6.0e5
 
 
 class TuningExperiment(Experiment):
@@ -72,124 +73,106 @@ class TuningExperiment(Experiment):
     worst: tuple[Literal[1, 2], ...] = ()
 
 
-def run(experiment: TuningExperiment, folder: Path, *, execution: Execution) -> tuple[str, tuple[str, ...]]:
-    """Write ``tuned.csv``, the figure and, where the worst faults are asked for, ``worst.csv``.
-
-    Returns:
-        The summary in Markdown, and notes.
-    """
-    g = experiment.geometry.build()
-    if g.is_series:
-        raise InputError("geometry.epoch: this kind of experiment needs one epoch.")
+def run(experiment: TuningExperiment, execution: Execution) -> Findings:
+    """Limits by target and objective, the figure and, where they are asked for, the worst faults."""
+    g, alert = experiment.geometry.one_epoch(), experiment.alert_limits()
     records = experiment.method_records()
-    tuned = [one for one in records if type(one) is Igg3]
-    plain = [one for one in records if isinstance(one, Ls)]
-    if len(tuned) != 1 or len(tuned) + len(plain) != len(records):
+    robust = [record for record in records if type(record) is Igg3]
+    plain = [record for record in records if isinstance(record, Ls)]
+    if len(robust) != 1 or len(robust) + len(plain) != len(records):
         raise InputError("methods: this takes igg3, whose limits are tuned, and ls, which stands beside it.")
-    made = [biases(g, one) if one else no_fault(g) for one in experiment.faults]
-    faults, alert = sum(made[1:], made[0]), experiment.alert_limits()
+    faults, _ = ListedFaults(biases=experiment.faults).build(g)
     if experiment.worst and experiment.event != "misleading":
         raise InputError("worst: the worst fault can be sought for the event misleading, not for exceeded.")
-    tasks = [(target, objective) for target in experiment.targets for objective in experiment.objectives]
 
-    def one(task: tuple[float, ObjectiveName]) -> pd.DataFrame:
+    def tuned(task: tuple[float, ObjectiveName]) -> pd.DataFrame:
         target, objective = task
         table = tune(
-            g, method=tuned[0], target=target, objective=objective, event=experiment.event, faults=faults,
+            g, method=robust[0], target=target, objective=objective, event=experiment.event, faults=faults,
             alert=alert, draws=experiment.draws, confidence=experiment.confidence, seed=experiment.seed,
             steps=experiment.steps, grid=0, search_draws=experiment.search_draws,
             target_cov=experiment.target_cov, max_evaluations=experiment.max_evaluations,
         )  # fmt: skip
         table.attrs = {}
-        return table.assign(method=tuned[0].name, target=target, tuned_for=objective)
+        return table.assign(method=robust[0].name, target=target, tuned_for=objective)
 
+    tasks = [(target, objective) for target in experiment.targets for objective in experiment.objectives]
     threads = cores() if execution.workers is None else execution.workers
-    results = in_order(one, tasks, threads)
-    found = [part for _, part in with_progress(results, total=len(tasks), what="Tuning", show=execution.progress)]
-    exact = [_least_squares(g, record, experiment, faults, alert) for record in plain]
-    whole = pd.concat([*exact, *found], ignore_index=True)
+    results = in_order(tuned, tasks, threads)
+    parts = [_least_squares(g, record, experiment, faults) for record in plain]
+    parts += [part for _, part in with_progress(results, total=len(tasks), what="Tuning", show=execution.progress)]
+    whole = pd.concat(parts, ignore_index=True)
     front = ["target", "tuned_for", "method", "limits"]
     table = whole[[*front, *(name for name in whole if name not in front)]]
-    write_table(table, folder, "tuned")
-    save_figure(tuning_figure(table, alert=alert, title=experiment.title), folder, "tuning")
-    worst = _worst_faults(g, table, tuned[0], plain, experiment, alert) if experiment.worst else None
-    if worst is not None:
-        write_table(worst, folder, "worst")
-    summary = tuning_summary(
-        table, g, faults=faults, alert=alert, title=experiment.title, seed=experiment.seed, event=experiment.event,
-        confidence=experiment.confidence, worst=worst,
+    worst = _worst_faults(g, table, robust[0], plain, experiment) if experiment.worst else None
+    return Findings(
+        summary=summary(table, worst, experiment, g, faults),
+        tables=(Table("tuned", table), *(() if worst is None else (Table("worst", worst),))),
+        pictures=(
+            Picture(
+                "tuning", tuning_figure(table, alert=alert, title=experiment.title),
+                "Mean level and fault-free alarms of default and tuned limits, each with the multiplier it needs.",
+            ),
+        ),
     )  # fmt: skip
-    return summary, ()
+
+
+def work(experiment: TuningExperiment) -> Work:
+    """Scenarios of proposals, descents and judgements; rare targets take about half of what they may."""
+    faults, number = len(experiment.faults), 0.0
+    for target in experiment.targets:
+        proposals = 4 * faults * 450_000
+        descents = 4 * 15 * 4 * (faults + 1) * experiment.search_draws
+        counted = target * experiment.draws >= 20
+        judgements = 4 * faults * (experiment.draws if counted else experiment.max_evaluations / 2)
+        number += len(experiment.objectives) * (proposals + descents + judgements)
+    return Work(None, number / _SCENARIOS_PER_S)
 
 
 def _worst_faults(
-    g: Geometry,
-    table: pd.DataFrame,
-    tuned: Igg3,
-    plain: Sequence[Ls],
-    experiment: TuningExperiment,
-    alert: AlertLimits,
+    g: Geometry, table: pd.DataFrame, robust: Igg3, plain: Sequence[Ls], experiment: TuningExperiment
 ) -> pd.DataFrame:
     """The worst fault for all limits at the smallest target, each with its multiplier.
 
     The multipliers keep the target under the faults of the experiment; what others do to it is asked here.
     """
-    shown = judged(table[table.target == min(experiment.targets)])
+    limits = judged(table[table.target == min(experiment.targets)])
     parts = []
-    for row in shown[np.isfinite(shown.k_vertical)].itertuples():
+    for row in limits[np.isfinite(limits.k_vertical)].itertuples():
         k = float(row.k_vertical)
         record: Igg3 | Ls = (
             replace(plain[0], k_vertical=k)
             if row.limits == "exact"
-            else replace(tuned, k_vertical=k, k0=float(row.k0), k1=float(row.k1))
+            else replace(robust, k_vertical=k, k0=float(row.k0), k1=float(row.k1))
         )
         for count in dict.fromkeys(experiment.worst):
-            found = worst_case(
-                g, method=record, satellites=count, event="misleading", alert=alert, seed=experiment.seed,
-                target_cov=experiment.target_cov, max_evaluations=experiment.max_evaluations,
+            faults = worst_case(
+                g, method=record, satellites=count, event="misleading", alert=experiment.alert_limits(),
+                seed=experiment.seed, target_cov=experiment.target_cov,
+                max_evaluations=experiment.max_evaluations,
             ).iloc[:1]  # fmt: skip
             keys = {"target": row.target, "tuned_for": row.tuned_for, "limits": row.limits, "failed": count}
-            kept = found.reindex(columns=["fault", "probability", "low", "high", "warning"])
+            kept = faults.reindex(columns=["fault", "probability", "low", "high", "warning"])
             parts.append(kept.assign(**keys)[[*keys, *kept]])
     return pd.concat(parts, ignore_index=True)
 
 
-def _least_squares(
-    g: Geometry, method: Ls, experiment: TuningExperiment, faults: Faults, alert: AlertLimits
-) -> pd.DataFrame:
+def _least_squares(g: Geometry, method: Ls, experiment: TuningExperiment, faults: Faults) -> pd.DataFrame:
     """Multiplier, mean level and alarms of least squares for every target, exact."""
-    rows: list[dict[str, Any]] = []
+    rows, alert = [], experiment.alert_limits()
     quantities = ls_quantities(g)
     dof = int(quantities.dof)
     # Mean of sqrt(chi-square / dof).
     mean_error = math.sqrt(2.0 / dof) * math.exp(math.lgamma((dof + 1) / 2.0) - math.lgamma(dof / 2.0))
     for target in experiment.targets:
-        found = calibrate(g, method=method, target=target, faults=faults, event=experiment.event, alert=alert)
-        worst = found.loc[found["k_vertical"].idxmax()]
+        needs = calibrate(g, method=method, target=target, faults=faults, event=experiment.event, alert=alert)
+        worst = needs.loc[needs["k_vertical"].idxmax()]
         k = float(worst["k_vertical"])
-        alarm = float(ls_rates(g, no_fault(g), alert=alert, k_vertical=k)["alarm_rate"].iloc[0])
-        risk = float(worst["probability"])
-        rows.append(
-            {
-                "target": target,
-                "tuned_for": "",
-                "method": method.name,
-                "limits": "exact",
-                "k_vertical": k,
-                "k_best": k,
-                "k_low": k,
-                "found": "exact",
-                "vpl_m": k * float(quantities.vdop_m) * mean_error,
-                "alarms": 0,
-                "draws": 0,
-                "alarm_rate": alarm,
-                "alarm_low": alarm,
-                "alarm_high": alarm,
-                "risk": risk,
-                "risk_low": risk,
-                "risk_high": risk,
-                "risk_fault": worst["fault"],
-                "warning": "",
-            }
-        )
+        row = {"target": target, "tuned_for": "", "method": method.name, "limits": "exact"}
+        row |= dict.fromkeys(("k_vertical", "k_best", "k_low"), k)
+        row |= {"found": "exact", "vpl_m": k * float(quantities.vdop_m) * mean_error, "alarms": 0, "draws": 0}
+        alarm = ls_rates(g, no_fault(g), alert=alert, k_vertical=k)["alarm_rate"].iloc[0]
+        row |= dict.fromkeys(("alarm_rate", "alarm_low", "alarm_high"), float(alarm))
+        row |= dict.fromkeys(("risk", "risk_low", "risk_high"), float(worst["probability"]))
+        rows.append(row | {"risk_fault": worst["fault"], "warning": ""})
     return pd.DataFrame(rows).astype({"k_vertical": np.float64})

@@ -1,105 +1,92 @@
-"""The summary of an experiment about tuned limits: what they save at a given risk, and against what."""
+"""What an experiment about tuned limits says: what they save at a given risk, and against what."""
 
 from __future__ import annotations
 
-from collections.abc import Iterable
-from typing import Any
+from collections.abc import Iterator, Mapping
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 import pandas as pd
 
-from pl_mc.alert import AlertLimits
 from pl_mc.faults import Faults
 from pl_mc.geometry import Geometry
-from pl_mc.report.run_folder import RunFolder
-from pl_mc.report.text import markdown_table, percent, rate_text
+from pl_mc.report.document import Block, Bullets, Heading, Paragraph, TextTable
+from pl_mc.report.text import percent, rate_text
+
+if TYPE_CHECKING:
+    from pl_mc.studies.tuning.run import TuningExperiment
 
 PRICES = {"vpl": "mean level", "alarms": "fault-free alarms"}
 # Changes within so many standard errors are none.
 _CLEAR = 2.0
 
 
-def tuning_summary(
-    table: pd.DataFrame,
-    g: Geometry,
-    *,
-    faults: Faults,
-    alert: AlertLimits,
-    title: str,
-    seed: int,
-    event: str,
-    confidence: float,
-    worst: pd.DataFrame | None = None,
-) -> str:
-    """The summary in Markdown.
+def summary(
+    table: pd.DataFrame, worst: pd.DataFrame | None, experiment: TuningExperiment, g: Geometry, faults: Faults
+) -> tuple[Block, ...]:
+    """The blocks of the summary.
 
     Args:
         table: rows of `pl_mc.tune` with ``target, tuned_for, method``, and those of least squares (``exact``).
+        worst: the worst faults that were found with these limits and multipliers, where they were sought.
+        experiment: the record.
         g: the epoch.
         faults: under which the targets are kept.
-        alert, title, seed, event, confidence: of the experiment.
-        worst: the worst faults that were found with these limits and multipliers, where they were sought.
     """
-    bound = f"{100 * confidence:g} %"
-    lines = [
-        f"# {title}",
-        "",
-        f"Epoch {int(g.epoch)}: {g.satellite_count} satellites, {g.unknown_count} unknowns; Gaussian errors, "
-        f"independent of each other. {alert.name}, VAL {alert.vertical_m:g} m, seed {seed}. P({event}) per sample "
-        f"is kept at the target under each of these faults, by itself: {', '.join(faults.labels)}. Nothing here "
-        "holds for another geometry, noise or other faults.",
-        "",
-        *(f"- {sentence}" for sentence in tuning_answers(table)),
-        "",
-        _table_text(table),
-        "",
-        f"K: the best value [bounds, each at {bound}]: the upper one keeps the target, and mean VPL and alarms are "
-        f"those with it, fault-free, on fresh draws (alarms with two-sided bounds at {bound}; of least squares all "
-        "is exact). A target with 20 events in the draws is counted; of a rarer one K comes from the curve of the "
-        "risk against K that subset simulation gives, and check is the risk at the best value by importance "
-        "sampling with other random numbers. Gains are those at the upper bounds, with one standard error.",
-        *_warnings(table),
-        *(_worst_text(worst) if worst is not None else ()),
-    ]
-    return "\n".join(lines) + "\n"
+    alert, bound = experiment.alert_limits(), f"{100 * experiment.confidence:g} %"
+    return (
+        Paragraph(
+            f"Epoch {int(g.epoch)}: {g.satellite_count} satellites, {g.unknown_count} unknowns; Gaussian errors, "
+            f"independent of each other. {alert.name}, VAL {alert.vertical_m:g} m, seed {experiment.seed}. "
+            f"P({experiment.event}) per sample is kept at the target under each of these faults, by itself: "
+            f"{', '.join(faults.labels)}. Nothing here holds for another geometry, noise or other faults."
+        ),
+        Bullets(tuple(_gains(table))),
+        _limits(table),
+        Paragraph(
+            f"K: the best value [bounds, each at {bound}]: the upper one keeps the target, and mean VPL and alarms "
+            f"are those with it, fault-free, on fresh draws (alarms with two-sided bounds at {bound}; of least "
+            "squares all is exact). A target with 20 events in the draws is counted; of a rarer one K comes from "
+            "the curve of the risk against K that subset simulation gives, and check is the risk at the best value "
+            "by importance sampling with other random numbers. Gains are those at the upper bounds, with one "
+            "standard error."
+        ),
+        *_doubts(f"{row.target:g}, {_name(row)}: {row.warning}." for row in table.itertuples() if _doubtful(row)),
+        *(_other_faults(worst) if worst is not None else ()),
+    )
 
 
-def tuning_answers(table: pd.DataFrame) -> tuple[str, ...]:
+def answer(tables: Mapping[str, pd.DataFrame], experiment: TuningExperiment) -> tuple[str, ...]:
     """What tuning gains, in a sentence for each target, and one about least squares."""
-    said = []
-    estimated = table[table.limits != "exact"]
-    for target, group in estimated.groupby("target", sort=False):
-        parts = [_gain(group[group.tuned_for == aim], str(aim)) for aim in dict.fromkeys(group.tuned_for)]
-        said.append(f"At {target:g}: {'; '.join(parts)}.")
+    return tuple(_gains(tables["tuned"]))
+
+
+def _gains(table: pd.DataFrame) -> Iterator[str]:
     exact = table[table.limits == "exact"]
+    for target, group in table.drop(exact.index).groupby("target", sort=False):
+        parts = [_gain(rows, str(aim)) for aim, rows in group.groupby("tuned_for", sort=False)]
+        yield f"At {target:g}: {'; '.join(parts)}."
     if len(exact):
         parts = [
             f"{row.vpl_m:.3g} m and {percent(row.alarm_rate)} % at {row.target:g}" for row in exact.itertuples()
         ]
-        said.append(f"Least squares: a mean VPL and fault-free alarms of {', '.join(parts)} (exact).")
-    return tuple(said)
-
-
-def tuning_answer(run: RunFolder) -> tuple[str, ...]:
-    """The same for the page of a run."""
-    return tuning_answers(run.tables["tuned"])
+        yield f"Least squares: a mean VPL and fault-free alarms of {', '.join(parts)} (exact)."
 
 
 def _gain(rows: pd.DataFrame, aim: str) -> str:
     """What tuning for one price does to it."""
     start, tuned = (rows[rows.limits == name].iloc[0] for name in ("start", "tuned"))
-    what = PRICES[aim]
+    what, limits = PRICES[aim], f"k0 {tuned.k0:.2f}, k1 {tuned.k1:.2f}"
     if np.isnan(tuned.objective):
         return f"{what}: no number ({tuned.warning})"
-    limits = f"k0 {tuned.k0:.2f}, k1 {tuned.k1:.2f}"
     if np.isnan(start.objective):
         return f"{what}: {limits}, but no number for the default ({start.warning})"
     if abs(tuned.change) <= _CLEAR * tuned.change_error:
         return f"{what}: {limits}, whose gain is within its error"
     if aim == "vpl":
         gain = f"from {start.objective:.3g} m to {tuned.objective:.3g} m"
-        share = 100.0 * tuned.change / start.objective
-        return f"{what} {gain} with {limits} ({share:+.1f} % +- {100.0 * tuned.change_error / start.objective:.1f})"
+        change, error = (100.0 * length / start.objective for length in (tuned.change, tuned.change_error))
+        return f"{what} {gain} with {limits} ({change:+.1f} % +- {error:.1f})"
     gain = f"from {_alarms(start)} to {_alarms(tuned)}"
     return f"{what} {gain} with {limits} (change {100 * tuned.change:+.3g} % +- {100 * tuned.change_error:.2g})"
 
@@ -109,83 +96,62 @@ def _alarms(row: Any) -> str:
     return rate_text(int(row.alarms), int(row.draws), row.alarm_low, row.alarm_high)
 
 
-def _table_text(table: pd.DataFrame) -> str:
-    header = ["target", "limits", "k0", "k1", "K", "found", "mean VPL [m]", "alarms, fault-free", "check"]
-    rows = []
-    for target in dict.fromkeys(table.target):
-        group = table[table.target == target]
-        for row in judged(group).itertuples():
-            exact = row.limits == "exact"
-            name = _name(row.limits, row.tuned_for)
-            k = f"{row.k_best:.4g}" + ("" if exact else f" [{row.k_low:.4g}, {row.k_vertical:.4g}]")
-            known = not np.isnan(row.k_vertical)
-            alarms = (
-                f"{percent(row.alarm_rate)} %"
-                if exact
-                else f"{_alarms(row)}, {int(row.alarms):,} of {int(row.draws):,}"
-            )
-            check = f"{row.check_probability:.2g} [{row.check_low:.2g}, {row.check_high:.2g}]"
-            rows.append(
-                [
-                    f"{target:g}",
-                    name + (" (!)" if row.warning else ""),
-                    "" if exact else f"{row.k0:.2f}",
-                    "" if exact else f"{row.k1:.2f}",
-                    k if known else "no number",
-                    row.found,
-                    f"{row.vpl_m:.4g}" if known else "",
-                    alarms if known else "",
-                    check if row.check_probability > 0 else "",
-                ]
-            )
-    return markdown_table(header, rows)
-
-
-def _name(limits: str, tuned_for: str) -> str:
-    """Limits in words."""
-    return {"exact": "least squares", "start": "default"}.get(limits) or f"tuned, {PRICES[tuned_for]}"
-
-
 def judged(group: pd.DataFrame) -> pd.DataFrame:
     """Of the rows of a target: least squares, the default once, and what was tuned."""
     start = group[group.limits == "start"].iloc[:1]
     return pd.concat([group[group.limits == "exact"], start, group[group.limits == "tuned"]])
 
 
-def _worst_text(worst: pd.DataFrame) -> list[str]:
-    """Other faults than those under which the target is kept, in Markdown."""
+def _limits(table: pd.DataFrame) -> TextTable:
+    header = ["target", "limits", "k0", "k1", "K", "found", "mean VPL [m]", "alarms, fault-free", "check"]
+    rows = []
+    for target, group in table.groupby("target", sort=False):
+        for row in judged(group).itertuples():
+            k0, k1, k, alarms = "", "", f"{row.k_best:.4g}", f"{percent(row.alarm_rate)} %"
+            if row.limits != "exact":
+                k0, k1, k = f"{row.k0:.2f}", f"{row.k1:.2f}", f"{k} [{row.k_low:.4g}, {row.k_vertical:.4g}]"
+                alarms = f"{_alarms(row)}, {int(row.alarms):,} of {int(row.draws):,}"
+            level = f"{row.vpl_m:.4g}"
+            if np.isnan(row.k_vertical):
+                k, level, alarms = "no number", "", ""
+            check = f"{row.check_probability:.2g} [{row.check_low:.2g}, {row.check_high:.2g}]"
+            check = check if row.check_probability > 0 else ""
+            name = _name(row) + (" (!)" if _doubtful(row) else "")
+            rows.append([f"{target:g}", name, k0, k1, k, row.found, level, alarms, check])
+    return TextTable.of(header, rows)
+
+
+def _name(row: Any) -> str:
+    """Limits in words."""
+    return {"exact": "least squares", "start": "default"}.get(row.limits) or f"tuned, {PRICES[row.tuned_for]}"
+
+
+def _other_faults(worst: pd.DataFrame) -> tuple[Block, ...]:
+    """Other faults than those under which the target is kept."""
     rows = []
     for row in worst.itertuples():
-        exact = row.limits == "exact"
-        bounds = "exact" if exact else f"[{row.low:.3g}, {row.high:.3g}]"
-        doubt = row.warning if isinstance(row.warning, str) else ""
-        rows.append(
-            [
-                _name(row.limits, row.tuned_for),
-                "one satellite" if row.failed == 1 else "two satellites",
-                row.fault,
-                f"{row.probability:.3g} {bounds}" + (" (!)" if doubt else ""),
-            ]
-        )
-    doubts = [
-        f"- {_name(row.limits, row.tuned_for)}, {row.fault}: {row.warning}."
-        for row in worst.itertuples()
-        if isinstance(row.warning, str) and row.warning
-    ]
-    return [
-        "",
-        "## Other faults",
-        "",
-        f"With the limits and multipliers for {worst.target.iloc[0]:g}, the fault of all satellites (pairs) that a "
-        "search found worst, and P(misleading) under it, estimated with noise of its own; a worse fault may have "
-        "been passed over.",
-        "",
-        markdown_table(["limits", "faulted", "worst fault found", "P(misleading)"], rows),
-        *(["", "(!):", "", *doubts] if doubts else []),
-    ]
+        bounds = "exact" if row.limits == "exact" else f"[{row.low:.3g}, {row.high:.3g}]"
+        failed = "one satellite" if row.failed == 1 else "two satellites"
+        risk = f"{row.probability:.3g} {bounds}" + (" (!)" if _doubtful(row) else "")
+        rows.append([_name(row), failed, row.fault, risk])
+    return (
+        Heading("Other faults"),
+        Paragraph(
+            f"With the limits and multipliers for {worst.target.iloc[0]:g}, the fault of all satellites (pairs) "
+            "that a search found worst, and P(misleading) under it, estimated with noise of its own; a worse fault "
+            "may have been passed over."
+        ),
+        TextTable.of(["limits", "faulted", "worst fault found", "P(misleading)"], rows),
+        *_doubts(f"{_name(row)}, {row.fault}: {row.warning}." for row in worst.itertuples() if _doubtful(row)),
+    )
 
 
-def _warnings(table: pd.DataFrame) -> Iterable[str]:
-    known = table[table.warning.fillna("") != ""]
-    lines = [f"- {row.target:g}, {_name(row.limits, row.tuned_for)}: {row.warning}." for row in known.itertuples()]
-    return ["", "(!):", "", *dict.fromkeys(lines)] if lines else []
+def _doubtful(row: Any) -> bool:
+    # Of exact rows the warning may be no text but a gap.
+    return isinstance(row.warning, str) and row.warning != ""
+
+
+def _doubts(sentences: Iterator[str]) -> tuple[Block, ...]:
+    """What the mark (!) stands for, each once; nothing where it is not used."""
+    items = tuple(dict.fromkeys(sentences))
+    return (Paragraph("(!):"), Bullets(items)) if items else ()

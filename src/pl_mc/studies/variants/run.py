@@ -8,7 +8,6 @@ what the weights did, since the rates alone do not tell swamping from collapse.
 from __future__ import annotations
 
 from dataclasses import asdict, dataclass
-from pathlib import Path
 from typing import Annotated, Any, Literal
 
 import numpy as np
@@ -16,24 +15,27 @@ import pandas as pd
 from pydantic import Field
 
 from pl_mc.engine import Execution
-from pl_mc.engine.swamping import watch_weights
+from pl_mc.engine.swamping import WATCHED, watch_weights
 from pl_mc.engine.table import COUNT_COLUMNS, with_rates
-from pl_mc.experiments.output import write_table
 from pl_mc.faults import Faults, no_fault, ramp_sizes_m
 from pl_mc.geometry import Geometry
 from pl_mc.input_errors import InputError
 from pl_mc.methods import Igg3, Method, as_methods, method
-from pl_mc.report.figures import save_figure
+from pl_mc.report.document import Chart, Quantity
+from pl_mc.report.findings import Findings, Picture, Table, event_quantities
 from pl_mc.statistics import ls_quantities
 from pl_mc.studies.planned_sweep import PlannedSweep
-from pl_mc.studies.spec import Experiment, MethodChoice, SimulatedGeometry, Strict
-from pl_mc.studies.sweep.map import RampSizes
+from pl_mc.studies.spec import Experiment, MethodChoice, RampSizes, SimulatedGeometry, Strict
 from pl_mc.studies.variants.figures import variants_figure
-from pl_mc.studies.variants.text import variants_summary, worst_table
+from pl_mc.studies.variants.text import DEFAULT, DOUBLE, NONE, summary, worst_table
 
 STRONGEST, WEAKEST = "strongest", "weakest"
-NONE, MEDIAN, INFLUENCE, DOUBLE = "none", "median redundancy", "largest influence", "double"
-DEFAULT = "default"
+MEDIAN, INFLUENCE = "median redundancy", "largest influence"
+
+_OF_WEIGHTS = tuple(
+    Quantity(event.replace("_", " "), f"{event}_rate", f"{event}_low", f"{event}_high", f"{event}_count")
+    for event in WATCHED
+)
 
 
 class Variant(Strict):
@@ -63,8 +65,8 @@ class VariantsExperiment(Experiment):
     """Variants of IGG-III, with its defaults in front and ``methods`` beside.
 
     Attributes:
-        draws: of noise, for each fault.
-        weight_draws: the first of them, whose weights are looked at.
+        draws: noise draws for each fault.
+        weight_draws: draws, of those, whose weights are looked at.
         geometry: a series, of which the epochs with the smallest and the largest VDOP (in metres) are taken.
         faults: sizes of the ramps.
     """
@@ -128,17 +130,17 @@ def _planned(experiment: VariantsExperiment) -> tuple[PlannedSweep, tuple[FaultC
     # Epochs in order of time, whichever is the stronger one.
     first, last = min(strong, weak), max(strong, weak)
     both = series[first : last + 1 : last - first]
-    sizes = ramp_sizes_m(experiment.faults.start_m, experiment.faults.stop_m, experiment.faults.step_m)
-    classes = [
-        one
-        for name, k in ((STRONGEST, strong), (WEAKEST, weak))
-        for one in fault_classes(series[k], both, name, tuple(float(size) for size in sizes))
-    ]
-    rows: dict[str, np.ndarray] = {}
-    for one in classes:
-        rows |= dict(zip(one.faults.labels, one.faults.bias_m, strict=True))
+    sizes_m = tuple(map(float, ramp_sizes_m(**experiment.faults.model_dump())))
+    classes = (
+        *fault_classes(series[strong], both, STRONGEST, sizes_m),
+        *fault_classes(series[weak], both, WEAKEST, sizes_m),
+    )
+    # Faults that both epochs have in common are counted once.
+    rows = {
+        label: bias_m for of in classes for label, bias_m in zip(of.faults.labels, of.faults.bias_m, strict=True)
+    }
     every = Faults(np.stack(list(rows.values())), both.names, tuple(rows))
-    return PlannedSweep("sweep", both, every, experiment.draws), tuple(classes)
+    return PlannedSweep("sweep", both, every, experiment.draws), classes
 
 
 def strongest_and_weakest(g: Geometry) -> tuple[int, int]:
@@ -182,8 +184,7 @@ def fault_classes(g: Geometry, series: Geometry, name: str, sizes_m: tuple[float
     for what, rows in chosen.items():
         names = tuple(g.names[k] for k in rows)
         bias = np.zeros((len(sizes_m), len(series.names)))
-        for satellite in names:
-            bias[:, series.names.index(satellite)] = sizes_m
+        bias[:, [series.names.index(satellite) for satellite in names]] = np.reshape(sizes_m, (-1, 1))
         made.append(
             FaultClass(
                 geometry=name,
@@ -199,105 +200,84 @@ def fault_classes(g: Geometry, series: Geometry, name: str, sizes_m: tuple[float
     return tuple(made)
 
 
-def run(experiment: VariantsExperiment, folder: Path, *, execution: Execution) -> tuple[str, tuple[str, ...]]:
-    """Write ``variants.csv``, ``worst.csv``, ``swamping.csv``, ``faults.csv`` and a figure for each geometry.
-
-    ``worst.csv`` has, for each variant, geometry and class of faults, the largest rate of each event on the ramp.
-
-    Returns:
-        The summary in Markdown, and notes.
-    """
+def run(experiment: VariantsExperiment, execution: Execution) -> Findings:
+    """Rates of every variant, the largest of each event on a ramp, what the weights did, and the faults."""
     planned, classes = _planned(experiment)
-    alert, legend = experiment.alert_limits(), experiment.legend()
+    legend, faults = experiment.legend(), _faults_in_order(classes)
     planned.run(experiment, execution)
-    rates = with_rates(_sum_of_parts(pd.concat(planned.rows(execution))))
-    variants = _by_class(rates, classes, legend)
-    swamping = _weights(experiment, planned, classes, legend)
-    worst = worst_table(variants)
-    described = _describe(classes)
-    for name, table in (("variants", variants), ("worst", worst), ("swamping", swamping), ("faults", described)):
-        write_table(table, folder, name)
-    for geometry in (WEAKEST, STRONGEST):
-        figure = variants_figure(
-            variants[variants.geometry == geometry], described[described.geometry == geometry], alert=alert,
-            title=f"{experiment.title}: {geometry} geometry",
-        )  # fmt: skip
-        save_figure(figure, folder, f"variants_{geometry}")
-    summary = variants_summary(
-        experiment.title, variants=variants, worst=worst, swamping=swamping, faults=described,
-        default=_default_options(), alert=alert, seed=experiment.seed,
-    )  # fmt: skip
-    return summary, ()
-
-
-def _sum_of_parts(rows: pd.DataFrame) -> pd.DataFrame:
-    """Counts by epoch, fault and method; a sweep's parts can hold some of the draws of a fault each."""
+    # A sweep's parts can hold some of the draws of a fault each.
     keys = ["epoch", "fault", "method"]
-    rows = rows.astype({"fault": str, "method": str})
-    return rows.groupby(keys, sort=False)[COUNT_COLUMNS].sum().reset_index()
-
-
-def _by_class(rates: pd.DataFrame, classes: tuple[FaultClass, ...], legend: pd.DataFrame) -> pd.DataFrame:
-    """One row per variant, geometry, class of faults and bias, in that order."""
-    wanted = _faults_in_order(classes)
-    table = legend.merge(wanted, how="cross").merge(
-        rates, on=["epoch", "fault", "method"], how="left", validate="m:1"
+    counts = pd.concat(planned.rows(execution)).astype({"fault": str, "method": str})
+    rates = with_rates(counts.groupby(keys, sort=False)[COUNT_COLUMNS].sum().reset_index())
+    cases = legend.merge(faults, how="cross")
+    variants = cases.merge(rates, on=keys, how="left", validate="m:1")
+    assert variants.draws.notna().all()
+    swamping = _weights(experiment, planned, faults, legend)
+    described = _describe(classes)
+    return Findings(
+        summary=summary(experiment, variants, swamping, described, default=_default_options()),
+        tables=(
+            Table("variants", variants, chart=_chart("Rates of events against the bias", event_quantities())),
+            Table("worst", worst_table(variants)),
+            Table("swamping", swamping, chart=_chart("What the weights did against the bias", _OF_WEIGHTS)),
+            Table("faults", described),
+        ),
+        pictures=tuple(
+            Picture(
+                f"variants_{geometry}",
+                variants_figure(
+                    *(table[table.geometry == geometry] for table in (variants, described)),
+                    alert=experiment.alert_limits(),
+                    title=f"{experiment.title}: {geometry} geometry",
+                ),
+                f"Every variant at the {geometry} geometry: rates against the bias.",
+            )
+            for geometry in (WEAKEST, STRONGEST)
+        ),
     )
-    assert table.draws.notna().all()
-    return table
+
+
+def _chart(title: str, quantities: tuple[Quantity, ...]) -> Chart:
+    return Chart(title, ("variant",), quantities, menus=("geometry", "fault_class"))
 
 
 def _weights(
-    experiment: VariantsExperiment, planned: PlannedSweep, classes: tuple[FaultClass, ...], legend: pd.DataFrame
+    experiment: VariantsExperiment, planned: PlannedSweep, faults: pd.DataFrame, legend: pd.DataFrame
 ) -> pd.DataFrame:
     """One row per variant, geometry, class and bias: what happened to the weights."""
     records = {record.name: record for record in experiment.method_records() if isinstance(record, Igg3)}
     robust = legend[legend.method.isin(records) & ((legend.group != "") | (legend.variant == DEFAULT))]
-    options = [records[name].options for name in robust.method]
-    found = watch_weights(
-        planned.g, planned.faults, options, draws=min(experiment.draws, experiment.weight_draws),
-        seed=experiment.seed, precision=experiment.precision,
+    watched = watch_weights(
+        planned.g, planned.faults, [records[name].options for name in robust.method],
+        draws=min(experiment.draws, experiment.weight_draws), seed=experiment.seed, precision=experiment.precision,
     )  # fmt: skip
-    keyed = (
-        robust.reset_index(drop=True).reset_index(names="estimate").merge(_faults_in_order(classes), how="cross")
-    )
-    table = keyed.merge(found, on=["epoch", "fault", "estimate"], how="left", validate="m:1")
+    keyed = robust.reset_index(drop=True).reset_index(names="estimate").merge(faults, how="cross")
+    table = keyed.merge(watched, on=["epoch", "fault", "estimate"], how="left", validate="m:1")
     return table.drop(columns="estimate")
 
 
 def _faults_in_order(classes: tuple[FaultClass, ...]) -> pd.DataFrame:
-    return pd.concat(
-        [
-            pd.DataFrame(
-                {
-                    "geometry": one.geometry,
-                    "epoch": one.epoch,
-                    "fault_class": one.name,
-                    "fault": one.faults.labels,
-                    "bias_m": one.sizes_m,
-                }
-            )
-            for one in classes
-        ],
-        ignore_index=True,
-    )
+    """One row per geometry, class and bias."""
+    rows = [
+        (of.geometry, of.epoch, of.name, label, size_m)
+        for of in classes
+        for label, size_m in zip(of.faults.labels, of.sizes_m, strict=True)
+    ]
+    return pd.DataFrame(rows, columns=["geometry", "epoch", "fault_class", "fault", "bias_m"])
 
 
 def _describe(classes: tuple[FaultClass, ...]) -> pd.DataFrame:
     """What is faulted, and what least squares makes of a metre of it."""
+    faulted = [of for of in classes if of.satellites]
     return pd.DataFrame(
-        [
-            {
-                "geometry": one.geometry,
-                "epoch": one.epoch,
-                "fault_class": one.name,
-                "satellites": " ".join(one.satellites),
-                "vertical_metres_per_metre": one.vertical,
-                "redundancy": " ".join(f"{value:.4f}" for value in one.redundancy),
-            }
-            for one in classes
-            if one.satellites
-        ]
+        {
+            "geometry": [of.geometry for of in faulted],
+            "epoch": [of.epoch for of in faulted],
+            "fault_class": [of.name for of in faulted],
+            "satellites": [" ".join(of.satellites) for of in faulted],
+            "vertical_metres_per_metre": [of.vertical for of in faulted],
+            "redundancy": [" ".join(map("{:.4f}".format, of.redundancy)) for of in faulted],
+        }
     )
 
 

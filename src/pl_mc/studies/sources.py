@@ -27,7 +27,7 @@ from pl_mc.geometry.gps_time import gps_seconds
 from pl_mc.input_errors import InputError
 from pl_mc.receiver import read_receiver_series, read_truth
 from pl_mc.runtime.precision import dtype_of, precision_scope
-from pl_mc.studies.spec import ReceiverFiles, SimulatedGeometry, Strict
+from pl_mc.studies.spec import ReceiverFiles, SimulatedGeometry, Strict, satellite_files
 
 # Names the folder in which the files of receivers are looked for.
 DATA_VARIABLE = "PL_MC_DATA"
@@ -58,6 +58,10 @@ class SiteSource(SimulatedGeometry):
     kind: Literal["site"] = "site"
     epoch: None = None
 
+    def files(self) -> dict[str, Path]:
+        """The almanac or SP3 file, where there is one."""
+        return satellite_files(self, "source")
+
     def series(self, *, draws: int, seed: int, precision: str) -> Series:
         """The series with ``draws`` draws of noise."""
         g = self.build()
@@ -80,7 +84,8 @@ class SiteSource(SimulatedGeometry):
 class FlightSource(Strict):
     """The nominal constellations over the flight of `pl_mc.geometry.flight.survey_plan`, with drawn noise.
 
-    ``banked_mask``: the mask counts from the leaning plane of the aircraft too, so that turns hide satellites.
+    Attributes:
+        banked_mask: whether satellites below the mask of the banked aircraft are hidden too.
     """
 
     kind: Literal["flight"] = "flight"
@@ -94,6 +99,10 @@ class FlightSource(Strict):
     error_model: str = "residual"
     error_options: dict[str, Any] = Field(default_factory=dict)
 
+    def files(self) -> dict[str, Path]:
+        """No file is read."""
+        return {}
+
     def series(self, *, draws: int, seed: int, precision: str) -> Series:
         """The series with ``draws`` draws of noise, and the flight as a table."""
         flight = fly(survey_plan(), epochs=self.epochs, interval_s=self.interval_s)
@@ -102,16 +111,9 @@ class FlightSource(Strict):
             slots = constellation_slots(self.constellations, self.without)
             time_gps_s = gps_seconds(self.start) + flight.time_s
             visible = banked_visibility(flight, slots, time_gps_s, mask_deg=self.mask_deg)
-        g = simulate(
-            track_m=flight.track_m,
-            start=self.start,
-            interval_s=self.interval_s,
-            mask_deg=self.mask_deg,
-            visible=visible,
-            constellations=self.constellations,
-            without=self.without,
-            error_model=error_model(self.error_model, **self.error_options),
-        )
+        same = self.model_dump(include={"start", "interval_s", "mask_deg", "constellations", "without"})
+        model = error_model(self.error_model, **self.error_options)
+        g = simulate(track_m=flight.track_m, visible=visible, error_model=model, **same)
         errors_m = drawn_errors_m(g, draws=draws, seed=seed, precision=precision)
         note = (
             "The flight is made up (Zhengzhou plain, survey legs at 28 m/s, turns at 20-25 deg of bank): the paper "
@@ -187,6 +189,11 @@ AnySource = Annotated[
 ]
 
 
+def expected_epochs(source: AnySource) -> int:
+    """The number of epochs; of a receiver's files, which are not read to tell, that of a day of 30 s."""
+    return 2880 if isinstance(source, ReceiverSource) else source.epochs
+
+
 def drawn_errors_m(g: Geometry, *, draws: int, seed: int, precision: str) -> NDArray[np.float64]:
     """(draws, e, n), pseudorange errors drawn from each satellite's sigma [m]; draw k is that of `pl_mc.sample`.
 
@@ -195,16 +202,9 @@ def drawn_errors_m(g: Geometry, *, draws: int, seed: int, precision: str) -> NDA
     """
     if not 1 <= draws <= LANES:
         raise InputError(f"redraws: at most {LANES - 1} are possible, not {draws - 1}.")
+    options = {"draws": draws, "rows": g.sigma_m.shape[1], "dtype": dtype_of(precision)}
     with precision_scope(precision):
-        unit = np.asarray(
-            _unit_errors(
-                np.uint32(seed),
-                np.asarray(g.epoch, np.uint32),
-                draws=draws,
-                rows=g.sigma_m.shape[1],
-                dtype=dtype_of(precision),
-            )
-        )
+        unit = np.asarray(_unit_errors(np.uint32(seed), np.asarray(g.epoch, np.uint32), **options))
     return np.moveaxis(unit, -1, 0).astype(np.float64) * np.where(g.in_view, g.sigma_m, 0.0)
 
 

@@ -1,0 +1,101 @@
+"""What a study found, as data: tables, pictures, blocks of a summary, sentences. Nothing here is written or drawn.
+
+A study returns `Findings`; one writer each makes files of tables and pictures, the summary in Markdown, the page.
+What is charted, and what stands below a picture, is said here by the study and guessed nowhere.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Literal
+
+import pandas as pd
+from matplotlib.figure import Figure
+
+from pl_mc.engine.events import EVENTS
+from pl_mc.report.document import Block, Chart, Quantity
+
+# The events that most readers look for first, in this order.
+FIRST_EVENTS = ("alarm", "misleading", "missed", "exceeded")
+
+
+@dataclass(frozen=True)
+class Table:
+    """A table of a study.
+
+    Attributes:
+        name: of its files, without ending; words joined by ``_``.
+        data: rows and columns; columns carry their units (``bias_m``).
+        chart: what of it is drawn on the page, unless nothing.
+        stored: ``csv`` with every digit, ``parquet`` for many rows, or ``both``. Tables in Parquet alone are not
+            shown on the page.
+    """
+
+    name: str
+    data: pd.DataFrame
+    chart: Chart | None = None
+    stored: Literal["csv", "parquet", "both"] = "csv"
+
+
+@dataclass(frozen=True)
+class Picture:
+    """A drawn figure of a study.
+
+    Attributes:
+        name: of its files, without ending.
+        figure: what is drawn.
+        caption: a sentence that stands below it.
+    """
+
+    name: str
+    figure: Figure
+    caption: str
+
+
+@dataclass(frozen=True)
+class Findings:
+    """All that a run of a study found.
+
+    Attributes:
+        summary: blocks of the summary below its title, see `pl_mc.report.document`.
+        tables: in the order in which the page shows them.
+        pictures: likewise.
+        notes: sentences about what was left out or chosen.
+        rows: folders of stored rows that are kept beside the tables, by the name that they get there.
+        texts: further files of text, by their name with ending.
+    """
+
+    summary: tuple[Block, ...]
+    tables: tuple[Table, ...]
+    pictures: tuple[Picture, ...] = ()
+    notes: tuple[str, ...] = ()
+    rows: Mapping[str, Path] = field(default_factory=dict)
+    texts: Mapping[str, str] = field(default_factory=dict)
+
+    @property
+    def data(self) -> dict[str, pd.DataFrame]:
+        """The tables that a page shows, by name."""
+        return {table.name: table.data for table in self.tables if table.stored != "parquet"}
+
+
+def event_quantities() -> tuple[Quantity, ...]:
+    """The rates of all events of a sweep's table, with bounds and counts, `FIRST_EVENTS` first."""
+    order = [*FIRST_EVENTS, *(event.name for event in EVENTS if event.name not in FIRST_EVENTS)]
+    count = {event.name: event.count for event in EVENTS}
+    return tuple(
+        Quantity(name.replace("_", " "), f"{name}_rate", f"{name}_low", f"{name}_high", count[name])
+        for name in order
+    )
+
+
+def level_quantities() -> tuple[Quantity, ...]:
+    """Medians and 5-95 % ranges of protection levels, see `pl_mc.studies.sweep.views.level_table`."""
+    return tuple(
+        Quantity(
+            f"{level.upper()}, median and 5-95 % [m]", f"{level}_50_m", f"{level}_05_m", f"{level}_95_m",
+            is_rate=False,
+        )
+        for level in ("vpl", "hpl")
+    )  # fmt: skip

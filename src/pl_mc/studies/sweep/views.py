@@ -1,0 +1,224 @@
+"""The views of a sweep: rates fault by fault, a ramp on one satellite and on every other, maps over time."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+from typing import TYPE_CHECKING
+
+import numpy as np
+import pandas as pd
+
+from pl_mc.engine import Execution, sample
+from pl_mc.engine.table import COUNT_COLUMNS, sum_over_faults, with_rates
+from pl_mc.faults import Faults, no_fault, ramps
+from pl_mc.geometry import Geometry, redundancy_numbers
+from pl_mc.noise_models import GAUSSIAN
+from pl_mc.report.document import Chart
+from pl_mc.report.findings import Findings, Picture, Table, event_quantities, level_quantities
+from pl_mc.statistics import ls_quantities
+from pl_mc.statistics.exact import ls_rates
+from pl_mc.studies.planned_sweep import PlannedSweep
+from pl_mc.studies.spec import RampSizes
+from pl_mc.studies.sweep import figures
+from pl_mc.studies.sweep.text import EVENTS, faults_summary, map_summary, satellites_summary
+
+if TYPE_CHECKING:
+    from pl_mc.studies.sweep.run import SweepExperiment
+
+# Draws whose protection levels are kept one by one, for medians and quantiles.
+LEVEL_DRAWS = 2000
+
+_RATES = Chart("Rates of events against the bias", ("method",), event_quantities())
+_LEVELS = Chart("VPL and HPL against the bias", ("method",), level_quantities())
+_RAMP_CAPTION = "Protection levels and rates of events against the bias, or fault by fault."
+
+
+def planned(experiment: SweepExperiment) -> tuple[tuple[PlannedSweep, ...], tuple[str, ...]]:
+    """The sweeps of the view, and a sentence about the faulted satellite where there is one."""
+    g, given, draws = experiment.geometry.build(), experiment.faults, experiment.draws
+    if isinstance(given, RampSizes):
+        series = g.as_series()
+        return (PlannedSweep("sweep", series, _on_every_satellite(experiment, series), draws),), ()
+    faults, notes = given.build(g)
+    if experiment.draws_per_satellite is None:
+        return (PlannedSweep("sweep", g, faults, draws, experiment.noise.build()),), notes
+    return (
+        PlannedSweep("ramp", g, no_fault(g) + faults, draws),
+        PlannedSweep("satellites", g, _on_every_satellite(experiment, g), experiment.draws_per_satellite),
+    ), notes
+
+
+def by_fault(experiment: SweepExperiment, execution: Execution) -> Findings:
+    """Rates of a ramp or of listed faults, with least squares in closed form beside them.
+
+    Rates of a series are sums over its epochs; the counts of every epoch are kept as the rows ``epochs``.
+    """
+    (sweep,), notes = planned(experiment)
+    g, faults, alert, title = sweep.g, sweep.faults, experiment.alert_limits(), experiment.title
+    rates = sweep.run(experiment, execution)
+    exact = ls_rates(g, faults, alert=alert)
+    # Faults of the same bias on different satellites have no place on one curve.
+    on_curves = not rates[rates.bias_m.notna()].duplicated(["method", "bias_m"]).any()
+    tables = [Table("rates", rates, chart=_RATES if on_curves else None), Table("exact", exact)]
+    is_ramp = np.isfinite(faults.scalar_bias_m).all() and len(np.unique(faults.scalar_bias_m)) == len(faults) > 1
+    # Levels one by one and the exact curve are those of Gaussian noise.
+    if is_ramp and not g.is_series and sweep.noise == GAUSSIAN:
+        levels = level_table(_outcomes(experiment, g, faults))
+        tables.append(Table("levels", levels, chart=_LEVELS))
+        curve = ls_rates(g, _finer(faults, g), alert=alert)
+        figure = figures.ramp_figure(rates, levels, curve, alert=alert, title=title)
+    else:
+        figure = figures.rates_by_fault_figure(rates, alert=alert, title=title)
+    return Findings(
+        summary=faults_summary(experiment, g, rates, exact, sweep.noise),
+        tables=tuple(tables),
+        pictures=(Picture("rates", figure, _RAMP_CAPTION),),
+        notes=(*notes, *rates.attrs["notes"]),
+        rows={"epochs": sweep.stored(execution)} if g.is_series else {},
+    )
+
+
+def by_satellite(experiment: SweepExperiment, execution: Execution) -> Findings:
+    """A ramp on one satellite with many draws, and on every other in view, at one epoch.
+
+    After figure 6 of Zhao et al. 2021: the protection levels against the bias. The paper shows one realisation;
+    here every bias gets many, and every satellite of the epoch gets its turn.
+    """
+    (of_one, of_every), notes = planned(experiment)
+    g, faults, alert, title = of_one.g, of_one.faults, experiment.alert_limits(), experiment.title
+    ramp = of_one.run(experiment, execution)
+    exact, curve = ls_rates(g, faults, alert=alert), ls_rates(g, _finer(faults, g), alert=alert)
+    outcomes = _outcomes(experiment, g, faults)
+    levels, one_draw = level_table(outcomes), outcomes[outcomes.draw == 0]
+    satellites = of_every.run(experiment, execution)
+    satellites.insert(0, "satellite", _satellite(satellites))
+    described = _describe(g)
+    of_all = Chart(f"{_RATES.title} on any satellite", ("method",), event_quantities(), menus=("satellite",))
+    return Findings(
+        summary=satellites_summary(experiment, g, ramp, exact, satellites),
+        tables=(
+            Table("ramp", ramp, chart=_RATES),
+            Table("ramp_satellites", satellites, chart=of_all),
+            Table("levels", levels, chart=_LEVELS),
+            Table("ramp_exact", exact),
+            Table("satellites", described),
+        ),
+        pictures=(
+            Picture(
+                "fig6_vpl_against_bias",
+                figures.realisation_figure(one_draw, alert=alert, title=title),
+                "Vertical protection level of one draw of noise against the bias.",
+            ),
+            Picture(
+                "ramp_rates", figures.ramp_figure(ramp, levels, curve, alert=alert, title=title), _RAMP_CAPTION
+            ),
+            Picture(
+                "ramp_satellites",
+                figures.satellite_figure(satellites, described, alert=alert, title=title),
+                "The same ramp on every satellite in view.",
+            ),
+        ),
+        notes=notes,
+    )
+
+
+def over_time(experiment: SweepExperiment, execution: Execution) -> Findings:
+    """A ramp on every satellite at every epoch, one at a time, as maps of three events.
+
+    The counts of every epoch and fault are kept as the rows ``epochs``.
+    """
+    ((sweep,), notes), alert = planned(experiment), experiment.alert_limits()
+    # A satellite that is out of view at some epochs, of which the table has a note, is no news on a map.
+    rates = sweep.run(experiment, execution)
+    by_place = rates_by_place(sweep.rows(execution))
+    rates["satellite"] = _satellite(rates)
+    of_satellite = sum_over_faults(rates, ["satellite", "method"], independent=_draws_by(by_place, ["satellite"]))
+    of_bias = sum_over_faults(rates, ["bias_m", "method"], independent=_draws_by(by_place, []))
+    return Findings(
+        summary=map_summary(experiment, sweep.g, of_bias, of_satellite),
+        tables=(
+            Table("by_bias", of_bias, chart=_RATES),
+            Table("by_satellite", of_satellite),
+            Table("by_epoch_satellite", by_place, stored="parquet"),
+        ),
+        pictures=tuple(
+            Picture(
+                f"map_{event}",
+                figures.map_figure(by_place, event=event, alert=alert, title=experiment.title),
+                f"Rate of the event {event} by epoch and faulted satellite, over all biases.",
+            )
+            for event in EVENTS
+        ),
+        notes=notes,
+        rows={"epochs": sweep.stored(execution)},
+    )
+
+
+def level_table(outcomes: pd.DataFrame) -> pd.DataFrame:
+    """Quantiles (5, 50, 95 %) of VPL and HPL by method and fault, over the draws that are available."""
+    rows = []
+    for method, of_method in outcomes.groupby("method", sort=False):
+        for fault, group in of_method.groupby("fault", sort=False):
+            row: dict[str, object] = {"method": method, "fault": fault, "bias_m": group.bias_m.iloc[0]}
+            row |= {"draws": len(group), "available": int(group.available.sum())}
+            for level in ("vpl", "hpl"):
+                quantiles = group[f"{level}_m"].quantile([0.05, 0.5, 0.95])
+                row |= {f"{level}_{100 * part:02.0f}_m": value for part, value in quantiles.items()}
+            rows.append(row)
+    return pd.DataFrame(rows)
+
+
+def rates_by_place(parts: Iterable[pd.DataFrame]) -> pd.DataFrame:
+    """One row per epoch, satellite and method, summed over biases, from the rows of a sweep part by part."""
+    keys = ["epoch", "satellite", "method"]
+    sums = []
+    for rows in parts:
+        rows = rows.assign(satellite=_satellite(rows), method=rows.method.astype(str))
+        # Rows of one epoch and part have the same draws; all biases of a satellite saw the same noise.
+        first = rows.groupby(keys, sort=False)["draws"].first().rename("independent_draws")
+        sums.append(rows.groupby(keys, sort=False)[COUNT_COLUMNS].sum().join(first))
+    total = pd.concat(sums).groupby(level=keys, sort=False).sum()
+    return with_rates(total[["draws", "independent_draws", *COUNT_COLUMNS[1:]]].reset_index())
+
+
+def _draws_by(by_place: pd.DataFrame, keys: list[str]) -> pd.Series:
+    """Independent draws by ``keys`` and method: those of every epoch, each counted once."""
+    once = by_place.drop_duplicates([*keys, "method", "epoch"])
+    return once.groupby([*keys, "method"], sort=False)["independent_draws"].sum()
+
+
+def _satellite(rates: pd.DataFrame) -> pd.Series:
+    """The faulted satellite of each row."""
+    return rates.fault.astype(str).str.split(":").str[0]
+
+
+def _on_every_satellite(experiment: SweepExperiment, g: Geometry) -> Faults:
+    return ramps(g, satellites=g.names, **experiment.faults.model_dump(include=set(RampSizes.model_fields)))
+
+
+def _finer(faults: Faults, g: Geometry, steps: int = 100) -> Faults:
+    """Faults between the first and the last of a ramp, for a smooth curve."""
+    part = np.linspace(0.0, 1.0, steps + 1)[:, None]
+    return Faults.from_array(g, (1 - part) * faults.bias_m[0] + part * faults.bias_m[-1])
+
+
+def _outcomes(experiment: SweepExperiment, g: Geometry, faults: Faults) -> pd.DataFrame:
+    """The first draws one by one, see `pl_mc.sample`."""
+    return sample(
+        g, faults, draws=min(experiment.draws, LEVEL_DRAWS), seed=experiment.seed,
+        methods=experiment.method_records(), alert=experiment.alert_limits(), precision=experiment.precision,
+    )  # fmt: skip
+
+
+def _describe(g: Geometry) -> pd.DataFrame:
+    """Name, elevation, azimuth, sigma, redundancy number and vertical effect of each satellite of one epoch."""
+    return pd.DataFrame(
+        {
+            "satellite": g.names,
+            "elevation_deg": np.degrees(g.elevation_rad),
+            "azimuth_deg": np.degrees(g.azimuth_rad),
+            "sigma_m": g.sigma_m,
+            "redundancy": redundancy_numbers(g),
+            "vertical_metres_per_metre": np.ravel(ls_quantities(g).gain),
+        }
+    )
