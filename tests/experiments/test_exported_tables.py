@@ -11,10 +11,29 @@ import pyarrow.parquet as pq
 import pytest
 
 import pl_mc
+from pl_mc.experiments.loading import build_experiment
+from pl_mc.experiments.running import run_experiment
 from pl_mc.report.files import write_table
 
 RESULTS = Path(__file__).parents[2] / "results"
-STORED = sorted(path for ending in ("parquet", "csv") for path in RESULTS.glob(f"*/*.{ending}"))
+STORED = sorted(RESULTS.glob("*/*.csv"))
+
+# Small experiments of the kinds that write Parquet.
+SITE = {"epochs": 8, "interval_s": 600.0}
+WITH_PARQUET = {
+    "series": {
+        "compare": "static", "redraws": 0, "methods": [{"name": "ls"}, {"name": "huber"}],
+        "source": {"kind": "site", **SITE},
+        "faults": {"windows": [[1, 3], [5, 7]], "satellites": 1, "lowest_m": 5.0, "highest_m": 100.0},
+    },
+    "sweep": {
+        "view": "map", "draws": 20, "geometry": SITE, "faults": {"start_m": 10.0, "stop_m": 20.0, "step_m": 10.0},
+    },
+    "service": {
+        "draws": 2, "step_deg": 45.0, "step_s": 21600.0, "duration_s": 86400.0, "durations_s": [15.0],
+        "start": "2017-11-21T00:00:00", "constellations": ["GPS"],
+    },
+}  # fmt: skip
 
 # MATLAB: a letter, then letters, digits and underscores, 63 in all; Python's rule is wider but for its keywords.
 IDENTIFIER = re.compile(r"[A-Za-z][A-Za-z0-9_]{0,62}")
@@ -54,7 +73,17 @@ def test_stored_tables_are_plain(path: Path) -> None:
 
 
 def test_there_are_stored_tables() -> None:
-    assert {"epochs.parquet", "stanford.csv", "regions.csv"} <= {path.name for path in STORED}
+    assert {"stanford.csv", "regions.csv"} <= {path.name for path in STORED}
+
+
+@pytest.mark.parametrize("kind", WITH_PARQUET)
+def test_tables_of_many_rows_are_plain(kind: str, tmp_path: Path) -> None:
+    content = {"kind": kind, "title": "small", "methods": [{"name": "ls"}], **WITH_PARQUET[kind]}
+    run_experiment("small", build_experiment(content, source="test"), tmp_path / "out")
+    made = sorted((tmp_path / "out").rglob("*.parquet"))
+    assert made
+    for path in [*made, *(tmp_path / "out").glob("*.csv")]:
+        require_plain(path)
 
 
 @pytest.mark.parametrize(
