@@ -101,7 +101,6 @@ def inject(
                 f"fault {one}: {one.satellite} is out of view at all epochs of the window (in view: "
                 f"{', '.join(g.names[k] for k in present)})."
             )
-        hidden, wanted = window.sum() - seen.sum(), window.sum()
-        if hidden:
-            notes.append(f"Fault {one}: {one.satellite} is out of view at {hidden} of {wanted} epochs.")
+        if hidden := window.sum() - seen.sum():
+            notes.append(f"Fault {one}: {one.satellite} is out of view at {hidden} of {window.sum()} epochs.")
     return errors, faulted, tuple(notes)

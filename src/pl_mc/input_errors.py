@@ -84,3 +84,8 @@ def require_number(value: float, *, field: str) -> float:
 def plain_number(value: float, *, sign: bool = False) -> str:
     """The shortest decimal text that is this number and no other: 30, 0.1, 1234567."""
     return np.format_float_positional(value, trim="-", sign=sign)
+
+
+def system_reason(error: OSError) -> str:
+    """Why the operating system refused, within a sentence."""
+    return (error.strerror or str(error)).lower()

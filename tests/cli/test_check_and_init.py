@@ -12,8 +12,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from pl_mc.cli.main import main
-from pl_mc.experiments.checking import check_experiment, field_lines
-from pl_mc.experiments.cost import cost_of
+from pl_mc.experiments.checking import check_experiment, cost_of, field_lines
 from pl_mc.experiments.field_meanings import meaning, meanings_of
 from pl_mc.experiments.loading import build_experiment, experiment_files, load_experiment
 from pl_mc.experiments.template import template, template_for

@@ -10,6 +10,7 @@ import pandas as pd
 import pytest
 
 import pl_mc
+from pl_mc.engine import Execution
 from pl_mc.engine.stanford import (
     BEYOND,
     HAZARDOUS,
@@ -24,7 +25,9 @@ from pl_mc.experiments.loading import build_experiment
 from pl_mc.experiments.running import run_experiment
 from pl_mc.input_errors import InputError
 from pl_mc.methods import as_methods
+from pl_mc.report.files import to_markdown
 from pl_mc.statistics import clopper_pearson
+from pl_mc.studies.risk import STUDY
 
 STANFORD = {
     "kind": "stanford",
@@ -115,14 +118,15 @@ def test_an_epoch_without_redundancy_has_no_solution() -> None:
     assert found.cells().error_from_m.isna().all()
 
 
-def test_the_risk_experiment(tmp_path: Path) -> None:
-    result = run_experiment("small", build_experiment(RISK, source="test"), tmp_path / "out")
+def test_the_risk_experiment(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.chdir(tmp_path)
+    # One thread: two would compile the same at the same time.
+    findings = STUDY.run(build_experiment(RISK, source="test"), Execution(workers=1, progress=False))
+    # What a study finds is written by others.
+    assert list(tmp_path.iterdir()) == []
     day = pl_mc.simulate(epochs=1)[0]
     g = dataclasses.replace(day, sigma_m=3.0 * day.sigma_m)
-    read = {
-        name: pd.read_csv(tmp_path / "out" / f"{name}.csv", keep_default_na=False, na_values=[""])
-        for name in ("curves", "worst", "steps", "budgets", "calibration", "equal_risk")
-    }
+    read = findings.data
     curves = read["curves"]
     line = curves[(curves.method == "ls") & (curves.event == "missed")]
     faults = pl_mc.ramp(g, satellite="G22", start_m=0.0, stop_m=100.0, step_m=5.0)
@@ -165,10 +169,14 @@ def test_the_risk_experiment(tmp_path: Path) -> None:
     budget = read["budgets"]
     total = budget[budget["mode"] == "total"].risk_per_approach.iloc[0]
     assert total == pytest.approx(budget[budget["mode"] != "total"].risk_per_approach.sum())
-    for figure in ("risk_against_bias", "worst_case", "grid_steps", "worst_sky", "calibration"):
-        assert (tmp_path / "out" / f"{figure}.png").stat().st_size > 10_000
-    assert "posterior_floored" in result.summary
-    assert "not shown" in result.summary
+    drawn_figures = {picture.name: picture.figure for picture in findings.pictures}
+    assert list(drawn_figures) == ["risk_against_bias", "worst_case", "grid_steps", "worst_sky", "calibration"]
+    for name, figure in drawn_figures.items():
+        figure.savefig(tmp_path / f"{name}.png", dpi=150)
+        assert (tmp_path / f"{name}.png").stat().st_size > 10_000
+    summary = to_markdown("small", findings.summary)
+    assert "posterior_floored" in summary
+    assert "not shown" in summary
 
 
 @pytest.mark.parametrize(

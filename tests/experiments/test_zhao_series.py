@@ -13,7 +13,7 @@ import pytest
 
 import pl_mc
 from pl_mc.engine import Execution
-from pl_mc.experiments.cost import cost_of
+from pl_mc.experiments.checking import cost_of
 from pl_mc.experiments.loading import build_experiment, load_experiment
 from pl_mc.experiments.running import run_experiment
 from pl_mc.report.run_folder import read_run_folder

@@ -12,7 +12,7 @@ import pytest
 from scipy import special
 from stored_runs import DRAWS, counts, store_epochs, store_run
 
-from pl_mc.experiments.comparing import write_comparison
+from pl_mc.experiments.reading import write_comparison
 from pl_mc.input_errors import InputError
 from pl_mc.report.comparison import NEWCOMBE, PAIRED, compare_runs
 from pl_mc.report.run_folder import read_run_folder

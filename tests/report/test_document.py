@@ -14,7 +14,7 @@ from hypothesis import strategies as st
 from stored_runs import counts, store_run
 
 from pl_mc.experiments.loading import build_experiment
-from pl_mc.experiments.page import remake_page
+from pl_mc.experiments.reading import remake_page
 from pl_mc.experiments.running import run_experiment
 from pl_mc.input_errors import InputError
 from pl_mc.report.charts import charts_of
@@ -33,9 +33,8 @@ from pl_mc.report.document import (
     read_document,
     write_document,
 )
-from pl_mc.report.files import write_findings
+from pl_mc.report.files import from_markdown, to_markdown, write_findings
 from pl_mc.report.findings import Findings, Table
-from pl_mc.report.markdown import from_markdown, to_markdown
 from pl_mc.report.page import page_of_run
 from pl_mc.report.run_folder import read_run_folder
 

@@ -16,12 +16,11 @@ from PIL import Image
 from stored_runs import CAPTION, counts, store_run
 
 from pl_mc.experiments.loading import build_experiment
-from pl_mc.experiments.page import document_of_files, remake_page
+from pl_mc.experiments.reading import document_of_files, remake_page
 from pl_mc.input_errors import InputError
 from pl_mc.report.charts import charts_of
 from pl_mc.report.document import Document, FigureEntry, TableEntry
-from pl_mc.report.page import MOST_BYTES, page_of_run, write_page
-from pl_mc.report.page_figures import page_figures
+from pl_mc.report.page import MOST_BYTES, page_figures, page_of_run, write_page
 from pl_mc.report.run_folder import RunFolder, flat_fields, read_run_folder
 from pl_mc.studies.registry import KINDS, study_of
 from pl_mc.studies.spec import Experiment

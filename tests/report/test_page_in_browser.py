@@ -8,7 +8,7 @@ import pytest
 from browser import Browser
 from stored_runs import SIZES_M
 
-from pl_mc.experiments.comparing import write_comparison
+from pl_mc.experiments.reading import write_comparison
 from pl_mc.report.page import write_page
 from pl_mc.report.run_folder import read_run_folder
 

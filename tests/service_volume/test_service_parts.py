@@ -14,8 +14,7 @@ import pl_mc
 from pl_mc import AlertLimits, InputError
 from pl_mc.engine import Execution, identity
 from pl_mc.experiments.loading import build_experiment
-from pl_mc.experiments.merging import merge
-from pl_mc.experiments.running import run_experiment, run_shard
+from pl_mc.experiments.running import merge, run_experiment, run_shard
 from pl_mc.geometry.frames import from_geodetic
 from pl_mc.service.task import ServiceTask
 from pl_mc.service.volume import service_volume

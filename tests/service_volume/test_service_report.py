@@ -15,9 +15,8 @@ from pl_mc.engine import Execution
 from pl_mc.experiments.loading import build_experiment, load_experiment
 from pl_mc.experiments.running import run_experiment
 from pl_mc.input_errors import InputError
-from pl_mc.report.coastlines import coastlines
+from pl_mc.report.maps import coastlines, share_scale
 from pl_mc.report.run_folder import read_run_folder
-from pl_mc.report.world_map import share_scale
 from pl_mc.studies.service import STUDY
 
 SMALL = """

@@ -9,8 +9,7 @@ import pl_mc
 from pl_mc.experiments.loading import load_experiment
 from pl_mc.report.document import Paragraph, TextTable
 from pl_mc.statistics import clopper_pearson
-from pl_mc.studies.time_ramps.run import notes_on_igg3
-from pl_mc.studies.time_ramps.text import findings
+from pl_mc.studies.time_ramps.run import findings, notes_on_igg3
 
 PASSES = 1000
 

@@ -78,20 +78,12 @@ def solved(g: Geometry, errors_m: NDArray[np.float64], precision: str) -> dict[s
     """`pl_mc.solve` of errors (s, n) [m], as many epochs of one geometry, method by method."""
     many = len(errors_m)
     series = Geometry.from_rows(
-        design=np.repeat(g.design[None], many, axis=0),
-        sigma_m=np.repeat(g.sigma_m[None], many, axis=0),
-        in_view=np.ones(errors_m.shape, dtype=bool),
-        names=g.names,
-        systems=g.systems,
-        clocks=g.clocks,
-    )
-    table = pl_mc.solve(series, errors_m, precision=precision)
+        design=np.repeat(g.design[None], many, axis=0), sigma_m=np.repeat(g.sigma_m[None], many, axis=0),
+        in_view=np.ones(errors_m.shape, dtype=bool), names=g.names, systems=g.systems, clocks=g.clocks,
+    )  # fmt: skip
+    table = pl_mc.solve(series, errors_m, precision=precision).astype({"available": bool})
     return {
-        str(name): NumpyOutcome(
-            vertical_error_m=rows.up_m.to_numpy(float),
-            vpl_m=rows.vpl_m.to_numpy(float),
-            available=rows.available.to_numpy(bool),
-        )
+        str(name): NumpyOutcome(rows.up_m.to_numpy(float), rows.vpl_m.to_numpy(float), rows.available.to_numpy())
         for name, rows in table.groupby("method", sort=False)
     }
 
@@ -104,34 +96,15 @@ def differences(
     for method, outcome in found.items():
         other = reference[method]
         both = outcome.available & other.available
+        alone = int((outcome.available != other.available).sum())
         for quantity, one, two in (
             ("VPL", outcome.vpl_m, other.vpl_m),
             ("vertical error", outcome.vertical_error_m, other.vertical_error_m),
         ):
-            rows.append(_difference(what, precision, method, quantity, one[both] - two[both], outcome, other))
+            size = np.abs(one - two)[both] if both.any() else np.zeros(1)
+            median, largest = float(np.median(size)), float(size.max())
+            rows.append(Difference(what, precision, method, quantity, int(both.sum()), median, largest, alone))
     return rows
-
-
-def _difference(
-    what: str,
-    precision: str,
-    method: str,
-    quantity: str,
-    by_m: NDArray[np.float64],
-    outcome: NumpyOutcome,
-    other: NumpyOutcome,
-) -> Difference:
-    size = np.abs(by_m) if by_m.size else np.zeros(1)
-    return Difference(
-        what=what,
-        precision=precision,
-        method=method,
-        quantity=quantity,
-        scenarios=int(by_m.size),
-        median_m=float(np.median(size)),
-        largest_m=float(size.max()),
-        availability_differs=int((outcome.available != other.available).sum()),
-    )
 
 
 def disagreements(
@@ -157,27 +130,18 @@ def event_rates(tables: Mapping[str, pd.DataFrame]) -> list[EventRate]:
             for event in EVENTS:
                 count = int(some[event.count].sum())
                 # All faults saw the same draws of noise.
-                low, high = shared_noise_bounds(count / draws, independent)
+                rate = count / draws
+                low, high = map(float, shared_noise_bounds(rate, independent))
                 rows.append(
-                    EventRate(
-                        method=str(method),
-                        event=event.name,
-                        precision=precision,
-                        count=count,
-                        draws=draws,
-                        independent_draws=independent,
-                        rate=count / draws,
-                        low=float(low),
-                        high=float(high),
-                    )
+                    EventRate(str(method), event.name, precision, count, draws, independent, rate, low, high)
                 )
     return rows
 
 
 def overlapping(rates: Sequence[EventRate]) -> tuple[int, int]:
     """How many pairs of intervals, single and double precision of one method and event, overlap; and all pairs."""
-    by_key: dict[tuple[str, str], list[EventRate]] = {}
-    for rate in rates:
-        by_key.setdefault((rate.method, rate.event), []).append(rate)
-    pairs = [pair for pair in by_key.values() if len(pair) == 2]
-    return sum(max(a.low, b.low) <= min(a.high, b.high) for a, b in pairs), len(pairs)
+    if not rates:
+        return 0, 0
+    pairs = pd.DataFrame(rates).groupby(["method", "event"]).agg({"low": ["max", "size"], "high": "min"})
+    pairs = pairs[pairs["low", "size"] == 2]
+    return int((pairs["low", "max"] <= pairs["high", "min"]).sum()), len(pairs)

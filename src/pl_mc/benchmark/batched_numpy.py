@@ -7,7 +7,7 @@ formulas are those of Zhao et al. 2021, eqs 4-7 and 14-19, in the default readin
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, fields
 
 import numpy as np
 from numpy.typing import NDArray
@@ -62,11 +62,8 @@ class NumpyModel:
         state = whitened @ self.gain.T
         residuals = whitened - state @ self.design.T
         unit_error = np.sqrt(np.einsum("sn,sn->s", residuals, residuals) / self.dof)
-        return NumpyOutcome(
-            vertical_error_m=state[:, UP],
-            vpl_m=K_VERTICAL * np.sqrt(self.cofactor[UP, UP]) * unit_error,
-            available=np.ones(len(whitened), dtype=bool),
-        )
+        vpl_m = K_VERTICAL * np.sqrt(self.cofactor[UP, UP]) * unit_error
+        return NumpyOutcome(state[:, UP], vpl_m, np.ones(len(whitened), dtype=bool))
 
     def igg3(self, whitened: Numbers, options: Igg3) -> NumpyOutcome:
         """Eqs 6, 7, 17 and 19, with the cofactor, scale and redundancy that are the defaults of ``options``."""
@@ -88,11 +85,8 @@ class NumpyModel:
             square_sum = np.einsum("sn,sn->s", weights * residuals, residuals)
         unit = np.broadcast_to(np.eye(t)[UP][:, None], (len(whitened), t, 1))
         cofactor = np.linalg.solve(normal, unit)[:, UP, 0]
-        return NumpyOutcome(
-            vertical_error_m=state[:, UP],
-            vpl_m=options.k_vertical * np.sqrt(square_sum / self.dof * cofactor),
-            available=available,
-        )
+        vpl_m = options.k_vertical * np.sqrt(square_sum / self.dof * cofactor)
+        return NumpyOutcome(state[:, UP], vpl_m, available)
 
     def _mark_undetermined(self, weights: Numbers, normal: Numbers, available: Flags) -> None:
         """Where a solution is not determined, clear ``available`` and put a regular matrix into ``normal``.
@@ -126,28 +120,24 @@ class NumpyModel:
         return regular
 
 
-def both_methods(g: Geometry, errors_m: Numbers, *, batch: int = BATCH) -> dict[str, NumpyOutcome]:
+def both_methods(g: Geometry, errors_m: Numbers) -> dict[str, NumpyOutcome]:
     """Outcomes of ``ls`` and ``igg3`` for given pseudorange errors (s, n) [m]."""
     model, options = NumpyModel(g), Igg3()
     found: dict[str, list[NumpyOutcome]] = {"ls": [], options.name: []}
-    for first in range(0, len(errors_m), batch):
-        whitened = errors_m[first : first + batch] * model.weight_root
+    for first in range(0, len(errors_m), BATCH):
+        whitened = errors_m[first : first + BATCH] * model.weight_root
         found["ls"].append(model.least_squares(whitened))
         found[options.name].append(model.igg3(whitened, options))
+    columns = [field.name for field in fields(NumpyOutcome)]
     return {
-        name: NumpyOutcome(
-            vertical_error_m=np.concatenate([part.vertical_error_m for part in parts]),
-            vpl_m=np.concatenate([part.vpl_m for part in parts]),
-            available=np.concatenate([part.available for part in parts]),
-        )
+        name: NumpyOutcome(*(np.concatenate([getattr(part, column) for part in parts]) for column in columns))
         for name, parts in found.items()
     }
 
 
 def events_of(outcome: NumpyOutcome, vertical_m: float) -> Flags:
     """(events, s), which of `EVENTS` each scenario is."""
-    error = np.abs(outcome.vertical_error_m)
-    available = outcome.available
+    error, available = np.abs(outcome.vertical_error_m), outcome.available
     alarm = ~available | (outcome.vpl_m > vertical_m)
     hazard = available & (error > vertical_m)
     exceeded = available & (error > outcome.vpl_m)
@@ -156,9 +146,7 @@ def events_of(outcome: NumpyOutcome, vertical_m: float) -> Flags:
     )
 
 
-def count_events(
-    g: Geometry, bias_m: Numbers, noise: Numbers, vertical_m: float, *, batch: int = BATCH
-) -> NDArray[np.int64]:
+def count_events(g: Geometry, bias_m: Numbers, noise: Numbers, vertical_m: float) -> NDArray[np.int64]:
     """(f, methods, events), how often each event happens, by ``ls`` and by ``igg3``.
 
     Args:
@@ -166,12 +154,11 @@ def count_events(
         bias_m: (f, n), biases [m].
         noise: (draws, n), noise in units of each satellite's sigma, the same for every bias.
         vertical_m: vertical alert limit [m].
-        batch: draws taken at a time.
     """
     model, options = NumpyModel(g), Igg3()
     total = np.zeros((len(bias_m), 2, len(EVENTS)), dtype=np.int64)
-    for first in range(0, len(noise), batch):
-        some = noise[first : first + batch]
+    for first in range(0, len(noise), BATCH):
+        some = noise[first : first + BATCH]
         for k, bias in enumerate(bias_m * model.weight_root):
             whitened = some + bias
             for place, outcome in enumerate((model.least_squares(whitened), model.igg3(whitened, options))):

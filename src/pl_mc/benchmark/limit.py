@@ -107,10 +107,7 @@ def _write_input(folder: Path, g: Geometry, errors_m: Numbers) -> None:
 
 def _try(program: Path, folder: Path, threads: int, scenarios: int) -> Limit:
     _call(program, folder, threads)
-    try:
-        found = np.fromfile(folder / "output", dtype="<f8")
-    except OSError:
-        found = np.zeros(0)
+    found = np.fromfile(output, dtype="<f8") if (output := folder / "output").is_file() else np.zeros(0)
     if len(found) != scenarios:
         raise InputError(f"limit: {program.name} wrote {len(found)} numbers where {scenarios} are needed.")
     # Numbers of single precision are those that survive a rounding to it.

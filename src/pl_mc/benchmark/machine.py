@@ -2,9 +2,11 @@
 
 from __future__ import annotations
 
+import contextlib
 import importlib.metadata
 import os
 import platform
+import re
 from pathlib import Path
 from typing import Any
 
@@ -38,13 +40,10 @@ def describe_machine() -> dict[str, Any]:
 
 def processor_name() -> str:
     """The processor's own name, or its family where that cannot be read."""
-    try:
-        for line in Path("/proc/cpuinfo").read_text(encoding="utf-8").splitlines():
-            if line.startswith("model name"):
-                return line.partition(":")[2].strip()
-    except OSError:
-        pass
-    return platform.processor() or platform.machine()
+    cpuinfo = Path("/proc/cpuinfo")
+    text = cpuinfo.read_text(encoding="utf-8") if cpuinfo.is_file() else ""
+    said = re.search(r"^model name[^:]*:(.*)$", text, re.MULTILINE)
+    return said[1].strip() if said else platform.processor() or platform.machine()
 
 
 def load_average() -> list[float] | None:
@@ -56,18 +55,15 @@ def versions() -> dict[str, str]:
     """Versions of the packages that compute; those that are not installed are left out."""
     found = {}
     for package in _PACKAGES:
-        try:
+        with contextlib.suppress(importlib.metadata.PackageNotFoundError):
             found[package] = importlib.metadata.version(package)
-        except importlib.metadata.PackageNotFoundError:
-            continue
     return found
 
 
 def _memory_gb() -> float | None:
-    try:
+    with contextlib.suppress(AttributeError, ValueError, OSError):
         return round(os.sysconf("SC_PHYS_PAGES") * os.sysconf("SC_PAGE_SIZE") / 1e9, 1)
-    except (AttributeError, ValueError, OSError):
-        return None
+    return None
 
 
 def _blas() -> str:

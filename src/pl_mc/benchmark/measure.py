@@ -121,14 +121,6 @@ def measure(
         for contestant, size, found in zip(contestants, sizes, times, strict=True):
             found.append(contestant.run(size))
     return [
-        Rate(
-            what=contestant.what,
-            precision=contestant.precision,
-            threads=contestant.threads,
-            devices=contestant.devices,
-            scenarios=size,
-            seconds=tuple(found),
-            first_call_s=start if contestant.compiles else None,
-        )
-        for contestant, size, found, start in zip(contestants, sizes, times, first, strict=True)
+        Rate(one.what, one.precision, one.threads, one.devices, size, tuple(found), start if one.compiles else None)
+        for one, size, found, start in zip(contestants, sizes, times, first, strict=True)
     ]

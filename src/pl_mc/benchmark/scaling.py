@@ -71,9 +71,8 @@ def scaling(
     if not scenarios:
         raise InputError("scaling: at least one number of scenarios is needed.")
     faults = len(reference_faults(reference_geometry()))
-    numbers = [
-        require_whole(number, field="scaling", low=1, high=LARGEST_DRAWS * faults) for number in scenarios
-    ]  # fmt: skip
+    most = LARGEST_DRAWS * faults
+    numbers = [require_whole(number, field="scaling", low=1, high=most) for number in scenarios]
     require_choice(precision, PRECISIONS, field="precision")
     threads = cores() if workers is None else require_whole(workers, field="workers", low=1)
     rows = [
@@ -148,16 +147,16 @@ def scaling_text(table: pd.DataFrame) -> str:
 @in_common_look
 def scaling_figure(table: pd.DataFrame) -> Figure:
     """Time and peak memory against scenarios, both on logarithmic scales."""
-    figure, (left, right) = new_figure(1, 2, width_in=9.0, height_in=3.8, sharex=True)
-    figure.suptitle(
-        "Cost of a sweep against its size, each point a process of its own", x=0.01, ha="left", fontsize=11
-    )
+    title = "Cost of a sweep against its size, each point a process of its own"
+    figure, panels = new_figure(1, 2, width_in=9.0, height_in=3.8, title=title, sharex=True)
+    left, right = panels
     ordered = table.sort_values("scenarios")
-    time_style, memory_style = series_style(0), series_style(1)
-    left.plot(
-        ordered.scenarios, ordered.process_s, time_style.line, marker=time_style.marker, color=time_style.colour,
-        label="process, imports and compilation included",
-    )  # fmt: skip
+    for k, (panel, column) in enumerate(zip(panels, ("process_s", "peak_memory_mb"), strict=True)):
+        style = series_style(k)
+        panel.plot(
+            ordered.scenarios, ordered[column], style.line, marker=style.marker, color=style.colour,
+            label="process, imports and compilation included",
+        )  # fmt: skip
     # A line through the last point: what time would be if it were nothing but proportional.
     ends = np.array([ordered.scenarios.iloc[0], ordered.scenarios.iloc[-1]], dtype=float)
     left.plot(ends, ordered.process_s.iloc[-1] * ends / ends[-1], color="0.5", linewidth=1.0, linestyle=":",
@@ -165,10 +164,6 @@ def scaling_figure(table: pd.DataFrame) -> Figure:
     left.set(xscale="log", yscale="log", xlabel="scenarios", ylabel="wall time [s]")
     left.set_title("Time")
     left.legend(loc="upper left")
-    right.plot(
-        ordered.scenarios, ordered.peak_memory_mb, memory_style.line, marker=memory_style.marker,
-        color=memory_style.colour,
-    )  # fmt: skip
     right.set(xscale="log", yscale="log", xlabel="scenarios", ylabel="peak resident memory [MB]", ylim=(10, 10_000))
     right.set_title("Memory")
     return figure

@@ -5,8 +5,8 @@ from __future__ import annotations
 import sys
 from pathlib import Path
 
-from pl_mc.cli.printing import Flag, Json, Quiet, print_json
-from pl_mc.input_errors import InputError
+from pl_mc.cli.printing import Draws, Flag, Json, Quiet, Seed, Which, overrides, print_json
+from pl_mc.input_errors import InputError, system_reason
 
 
 def list_experiments(*, json: Json = False, quiet: Quiet = False) -> None:
@@ -22,14 +22,11 @@ def list_experiments(*, json: Json = False, quiet: Quiet = False) -> None:
         Print the names alone.
     """
     from pl_mc.experiments.loading import experiment_files, load_experiment
+    from pl_mc.studies.spec import kind_of
 
     records = {name: load_experiment(name)[1] for name in experiment_files()}
     if json:
-        content = [
-            {"name": name, "kind": one.kind, "title": one.title}  # type: ignore[attr-defined]
-            for name, one in records.items()
-        ]
-        print_json(content)
+        print_json([{"name": name, "kind": kind_of(one), "title": one.title} for name, one in records.items()])
         return
     width = max(map(len, records), default=0)
     for name, one in records.items():
@@ -69,16 +66,16 @@ def init(which: str = "sweep", /, *, out: Path | None = None) -> None:
     except FileExistsError:
         raise InputError(f"{out}: a file of that name is there; name another one.") from None
     except OSError as error:
-        raise InputError(f"{out}: the file cannot be written ({(error.strerror or str(error)).lower()}).") from None
+        raise InputError(f"{out}: the file cannot be written ({system_reason(error)}).") from None
     print(f"Written: {out}; pl-mc check {out} says what it will cost.")
 
 
 def check(
-    experiment: str,
+    experiment: Which,
     /,
     *,
-    draws: int | None = None,
-    seed: int | None = None,
+    draws: Draws = None,
+    seed: Seed = None,
     measure: Flag = False,
     json: Json = False,
     quiet: Quiet = False,
@@ -93,12 +90,6 @@ def check(
 
     Parameters
     ----------
-    experiment
-        A name that `pl-mc list` shows, the path of a TOML file, or the `manifest.json` of an earlier run.
-    draws
-        Noise draws for each fault and epoch, instead of the experiment's.
-    seed
-        Seed of the noise, instead of the experiment's.
     measure
         Measure the rate of this machine by a small part of the run, which takes up to a minute.
     json
@@ -110,16 +101,10 @@ def check(
 
     from pl_mc.experiments.checking import check_experiment
 
-    overrides = {key: value for key, value in (("draws", draws), ("seed", seed)) if value is not None}
-    found = check_experiment(experiment, overrides, measure=measure)
+    found = check_experiment(experiment, overrides(draws, seed), measure=measure)
     if json:
-        content = {
-            "name": found.name,
-            "sound": not found.problems,
-            "problems": [asdict(one) for one in found.problems],
-            "cost": None if found.cost is None else asdict(found.cost),
-        }
-        print_json(content)
+        problems, cost = [asdict(one) for one in found.problems], found.cost and asdict(found.cost)
+        print_json({"name": found.name, "sound": not problems, "problems": problems, "cost": cost})
     elif found.problems:
         print(found.text(), file=sys.stderr)
     elif not quiet and found.cost is not None and found.experiment is not None:

@@ -13,7 +13,7 @@ import cyclopts
 from cyclopts import App
 
 import pl_mc
-from pl_mc.cli import drafting, measuring, reading, running
+from pl_mc.cli import drafting, reading, running
 from pl_mc.input_errors import InputError
 
 app = App(
@@ -43,7 +43,7 @@ app.command(reading.report)
 app.command(reading.compare)
 app.command(running.observe)
 app.command(running.merge)
-app.command(measuring.bench)
+app.command(running.bench)
 app.register_install_completion_command()
 
 
@@ -52,10 +52,8 @@ def main(arguments: Sequence[str] | None = None) -> None:
     try:
         code = app(arguments, exit_on_error=False, print_error=False, result_action="return_value")
     except (InputError, cyclopts.CycloptsError) as error:
-        print(
-            f"pl-mc: {' '.join(str(error).split()) if isinstance(error, cyclopts.CycloptsError) else error}",
-            file=sys.stderr,
-        )
+        text = " ".join(str(error).split()) if isinstance(error, cyclopts.CycloptsError) else str(error)
+        print(f"pl-mc: {text}", file=sys.stderr)
         sys.exit(2)
     except KeyboardInterrupt as stop:
         print(f"pl-mc: {str(stop) or 'interrupted; nothing was written.'}", file=sys.stderr)

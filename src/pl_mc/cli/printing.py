@@ -1,34 +1,75 @@
-"""What commands print: text for people, JSON for programs, or one line. Results go to standard output alone."""
+"""What commands share: parameters of one meaning, and what they print.
+
+Text for people, JSON for programs, or one line; results go to standard output alone.
+"""
 
 from __future__ import annotations
 
-import json
-from typing import Annotated, Any
+import json as json_text
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Annotated, Any
 
 from cyclopts import Parameter
 
-from pl_mc.experiments.result import RunResult
+if TYPE_CHECKING:
+    from pl_mc.experiments.running import RunResult
 
 Json = Annotated[bool, Parameter(negative="")]
 Quiet = Annotated[bool, Parameter(negative="", alias="-q")]
 Flag = Annotated[bool, Parameter(negative="")]
+Several = Parameter(negative="")
+Progress = Annotated[bool | None, Parameter(help="Show a progress bar; unless given, only on a terminal.")]
+Which = Annotated[
+    str,
+    Parameter(
+        help="A name that `pl-mc list` shows, the path of a TOML file, or the `manifest.json` of an earlier run."
+    ),
+]
+Draws = Annotated[int | None, Parameter(help="Noise draws for each fault and epoch, instead of the experiment's.")]
+Seed = Annotated[int | None, Parameter(help="Seed of the noise, instead of the experiment's.")]
+
+
+@Parameter(name="*")
+@dataclass(frozen=True)
+class Output:
+    """How a command that makes results shows its progress and what it prints at the end.
+
+    Attributes:
+        progress, json, quiet: the options of those names.
+    """
+
+    progress: Progress = None
+    json: Annotated[
+        bool,
+        Parameter(negative="", help="Print folder, files, answer and notes as JSON instead of the summary."),
+    ] = False
+    quiet: Annotated[bool, Parameter(negative="", alias="-q", help="Print the results folder alone.")] = False
+
+    @property
+    def bar(self) -> bool | None:
+        """Whether there is a bar; none for a quiet command unless it is asked for."""
+        return False if self.progress is None and self.quiet else self.progress
+
+    def show(self, result: RunResult) -> None:
+        """A finished run: the summary and the folder; as JSON; or the folder alone."""
+        if self.json:
+            print_json(result_content(result))
+        elif self.quiet:
+            print(result.folder)
+        else:
+            print(result.summary)
+            page = f", report: {result.folder / result.page}" if result.page else ""
+            print(f"Results: {result.folder}{page}")
+
+
+def overrides(draws: int | None, seed: int | None) -> dict[str, int]:
+    """The fields of an experiment that a command replaces."""
+    return {key: value for key, value in (("draws", draws), ("seed", seed)) if value is not None}
 
 
 def print_json(content: Any) -> None:
     """One JSON document."""
-    print(json.dumps(content, indent=2, ensure_ascii=False, allow_nan=False, default=str))
-
-
-def print_result(result: RunResult, *, as_json: bool, quiet: bool) -> None:
-    """A finished run: the summary and the folder; as JSON; or the folder alone."""
-    if as_json:
-        print_json(result_content(result))
-    elif quiet:
-        print(result.folder)
-    else:
-        print(result.summary)
-        page = f", report: {result.folder / result.page}" if result.page else ""
-        print(f"Results: {result.folder}{page}")
+    print(json_text.dumps(content, indent=2, ensure_ascii=False, allow_nan=False, default=str))
 
 
 def result_content(result: RunResult) -> dict[str, Any]:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from pathlib import Path
 
-from pl_mc.cli.printing import Json, Quiet, print_json
+from pl_mc.cli.printing import Json, Quiet, print_json, result_content
 
 
 def report(folder: Path, /, *, json: Json = False, quiet: Quiet = False) -> None:
@@ -21,8 +21,7 @@ def report(folder: Path, /, *, json: Json = False, quiet: Quiet = False) -> None
     quiet
         Print the path of the page alone.
     """
-    from pl_mc.cli.printing import result_content
-    from pl_mc.experiments.page import remake_page
+    from pl_mc.experiments.reading import remake_page
 
     result = remake_page(folder)
     if json:
@@ -56,7 +55,7 @@ def compare(
     quiet
         Print the folder alone.
     """
-    from pl_mc.experiments.comparing import write_comparison
+    from pl_mc.experiments.reading import write_comparison
 
     made = write_comparison(first, second, out)
     if json:

@@ -1,32 +1,30 @@
-"""``pl-mc run``, ``merge``, ``observe``: the commands that make results."""
+"""``pl-mc run``, ``merge``, ``observe``, ``bench``: the commands that compute."""
 
 from __future__ import annotations
 
 from pathlib import Path
 from typing import Annotated, Any
 
-from cyclopts import Parameter
-
-from pl_mc.cli.printing import Flag, Json, Quiet, print_result
+from pl_mc.cli.printing import Draws, Flag, Json, Output, Progress, Seed, Several, Which, overrides
 from pl_mc.input_errors import InputError
+
+_DEFAULT = Output()
 
 
 def run(
-    experiment: str = "ramp",
+    experiment: Which = "ramp",
     /,
     *,
     out: Path | None = None,
-    draws: int | None = None,
-    seed: int | None = None,
+    draws: Draws = None,
+    seed: Seed = None,
     resume: Flag = False,
     fresh: Flag = False,
     shard: str | None = None,
     workers: int | None = None,
     devices: int | None = None,
     scheduler: str | None = None,
-    progress: bool | None = None,
-    json: Json = False,
-    quiet: Quiet = False,
+    output: Output = _DEFAULT,
 ) -> None:
     """Run an experiment and write its tables, figures, summary, page and manifest.
 
@@ -47,14 +45,8 @@ def run(
 
     Parameters
     ----------
-    experiment
-        A name that `pl-mc list` shows, the path of a TOML file, or the `manifest.json` of an earlier run.
     out
         Results folder; `runs/EXPERIMENT` unless given. An earlier result there is replaced.
-    draws
-        Noise draws for each fault and epoch, instead of the experiment's.
-    seed
-        Seed of the noise, instead of the experiment's.
     resume
         Go on with an unfinished run of the same experiment.
     fresh
@@ -68,40 +60,25 @@ def run(
     scheduler
         A Dask scheduler that gives the parts to its workers, `tcp://host:8786`, or `local` or `local:4` for
         processes on this machine; needs the extra `pl_mc[dask]`.
-    progress
-        Show a progress bar; unless given, only on a terminal.
-    json
-        Print folder, files, answer and notes as JSON instead of the summary.
-    quiet
-        Print the results folder alone.
     """
     from pl_mc.engine import Execution
     from pl_mc.experiments.loading import load_experiment
     from pl_mc.experiments.running import run_experiment, run_shard
 
-    overrides = {key: value for key, value in (("draws", draws), ("seed", seed)) if value is not None}
-    name, record = load_experiment(experiment, overrides)
+    name, record = load_experiment(experiment, overrides(draws, seed))
     share = None if shard is None else _share(shard)
     execution = Execution(
         workers=workers, devices=devices, scheduler=scheduler, resume=resume, shard=share,
-        progress=_shown(progress, quiet),
+        progress=output.bar,
     )  # fmt: skip
     if share is None:
         result = run_experiment(name, record, out, execution=execution, fresh=fresh)
     else:
         result = run_shard(name, record, out, execution)
-    print_result(result, as_json=json, quiet=quiet)
+    output.show(result)
 
 
-def merge(
-    folders: Annotated[tuple[Path, ...], Parameter(negative="")],
-    /,
-    *,
-    out: Path,
-    progress: bool | None = None,
-    json: Json = False,
-    quiet: Quiet = False,
-) -> None:
+def merge(folders: Annotated[tuple[Path, ...], Several], /, *, out: Path, output: Output = _DEFAULT) -> None:
     """Make the results of a run from the parts that its shares (`pl-mc run --shard`) stored.
 
     Example: `pl-mc merge day --out runs/day`, after `pl-mc run NAME --shard 1/8 --out day` to `8/8`.
@@ -112,16 +89,10 @@ def merge(
         The folders given to the shares as `--out`; one, if they shared it.
     out
         Results folder.
-    progress
-        Show a progress bar; unless given, only on a terminal.
-    json
-        Print folder, files, answer and notes as JSON instead of the summary.
-    quiet
-        Print the results folder alone.
     """
-    from pl_mc.experiments.merging import merge as merge_shares
+    from pl_mc.experiments.running import merge as merge_shares
 
-    print_result(merge_shares(folders, out, progress=_shown(progress, quiet)), as_json=json, quiet=quiet)
+    output.show(merge_shares(folders, out, progress=output.bar))
 
 
 def observe(
@@ -131,14 +102,12 @@ def observe(
     *,
     truth: str,
     systems: str = "G,C",
-    fault: Annotated[tuple[str, ...], Parameter(negative="")] = (),
+    fault: Annotated[tuple[str, ...], Several] = (),
     mask_deg: float = 10.0,
     error_model: str = "residual",
-    method: Annotated[tuple[str, ...], Parameter(negative="")] = ("ls", "igg3"),
+    method: Annotated[tuple[str, ...], Several] = ("ls", "igg3"),
     out: Path | None = None,
-    progress: bool | None = None,
-    json: Json = False,
-    quiet: Quiet = False,
+    output: Output = _DEFAULT,
 ) -> None:
     """Solve every epoch of a receiver's files with every method: errors, protection levels, alarms.
 
@@ -164,12 +133,6 @@ def observe(
         A method; repeatable.
     out
         Results folder; `runs/observe-NAME` unless given. An earlier result there is replaced.
-    progress
-        Show a progress bar; unless given, only on a terminal.
-    json
-        Print folder, files, answer and notes as JSON instead of the summary.
-    quiet
-        Print the results folder alone.
     """
     from pl_mc.engine import Execution
     from pl_mc.experiments.loading import build_experiment
@@ -189,14 +152,55 @@ def observe(
         "methods": [{"name": name} for name in method],
     }
     record = build_experiment(content, source="observe")
-    execution = Execution(progress=_shown(progress, quiet))
-    result = run_experiment(f"observe-{station}", record, out, execution=execution)
-    print_result(result, as_json=json, quiet=quiet)
+    output.show(run_experiment(f"observe-{station}", record, out, execution=Execution(progress=output.bar)))
 
 
-def _shown(progress: bool | None, quiet: bool) -> bool | None:
-    """No bar for a quiet command unless it is asked for."""
-    return False if progress is None and quiet else progress
+def bench(
+    *,
+    seconds: float = 10.0,
+    precision: Annotated[tuple[str, ...], Several] = ("float64", "float32"),
+    devices: int | None = None,
+    limit: Path | None = None,
+    scaling: str | None = None,
+    out: Path | None = None,
+    json: Json = False,
+    progress: Progress = None,
+) -> None:
+    """Measure this machine: sweeps beside batched NumPy and others, and how exact they are.
+
+    Examples: `pl-mc bench --seconds 3`; `pl-mc bench --scaling 1e6,1e7 --out scaling`
+
+    Parameters
+    ----------
+    seconds
+        Time for each computation, over all its repetitions [s].
+    precision
+        float64 or float32; repeatable; both unless given.
+    devices
+        Devices of this machine over which sweeps are spread too.
+    limit
+        A hand-written kernel to compare with: a C++ source or a program.
+    scaling
+        Instead: time and memory at these numbers of scenarios, `1e6,1e7,1e8`, in the first precision.
+    out
+        Folder for bench.json, bench.csv and bench.md, or for the curve.
+    json
+        Print JSON instead of tables.
+    """
+    from json import dumps
+
+    from pl_mc import benchmark
+
+    if scaling is not None:
+        table, text = benchmark.run_scaling(
+            benchmark.scenario_counts(scaling), precision=precision[0], out=out, progress=progress
+        )
+        print(table.to_json(orient="records", indent=2) if json else text)
+        return
+    record, text = benchmark.run_bench(
+        seconds=seconds, precisions=precision, devices=devices, limit=limit, out=out, progress=progress
+    )
+    print(dumps(record.as_dict(), indent=2, ensure_ascii=False) if json else text)
 
 
 def _share(text: str) -> tuple[int, int]:

@@ -6,7 +6,7 @@ satellites or receivers reaches it, so that a model serves nominal constellation
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any, Protocol, runtime_checkable
 
@@ -100,19 +100,45 @@ class ErrorModel(Protocol):
         ...
 
 
-def require_sigma(option: str, value: Any, *, allow_zero: bool) -> float:
-    """``value`` as a float if it is usable as a standard deviation in metres.
+class FromVariance:
+    """What error models share whose figures add up to a variance, ``variance_m2`` of a checked sky [m^2]."""
+
+    def variance_m2(self, sky: Sky) -> NDArray[np.float64]:
+        """Variance of each pseudorange error of a checked sky [m^2]."""
+        raise NotImplementedError
+
+    def sigma_m(self, sky: Sky) -> NDArray[np.float64]:
+        """Standard deviation of each pseudorange error, in the shape of ``sky`` [m].
+
+        Raises:
+            InputError: what `Sky.checked` refuses; an elevation of 0 or less among it.
+        """
+        return np.sqrt(self.variance_m2(sky.checked()))
+
+
+def by_orbit(record: Any, options: Sequence[str], sky: Sky) -> NDArray[np.float64]:
+    """Figures of a record by class of orbit, fields such as ``bds_meo_m``, for each satellite of a checked sky."""
+    figure = np.zeros(sky.shape)
+    for option in options:
+        orbit = option.rpartition("_")[0].replace("_", "-").upper()
+        figure = np.where(np.asarray(sky.orbit) == orbit, getattr(record, option), figure)
+    return figure
+
+
+def require_figure(option: str, value: Any, *, allow_zero: bool = False, squared: bool = False) -> float:
+    """``value`` as a float if it is usable as a standard deviation in metres, or squared as a variance.
 
     Raises:
         InputError: not a finite number, or negative, or zero where ``allow_zero`` is False.
     """
+    words, unit, short = ("square metres", "m^2", "m^2") if squared else ("metres", "m", "metres")
     rule = "zero or more" if allow_zero else "over zero"
     try:
         number = float(value)
     except (TypeError, ValueError):
-        raise InputError(f"{option}: {value!r} is not a number of metres; it is {rule}.") from None
+        raise InputError(f"{option}: {value!r} is not a number of {words}; it is {rule}.") from None
     if not np.isfinite(number) or number < 0 or (number == 0 and not allow_zero):
-        raise InputError(f"{option}: {number:g} m cannot be used; it is a finite number of metres, {rule}.")
+        raise InputError(f"{option}: {number:g} {unit} cannot be used; it is a finite number of {short}, {rule}.")
     return number
 
 

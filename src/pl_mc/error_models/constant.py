@@ -12,18 +12,16 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from pl_mc.error_models.base import Sky, require_options
-from pl_mc.input_errors import InputError
+from pl_mc.error_models.base import FromVariance, Sky, by_orbit, require_figure, require_options
 
 
 @dataclass(frozen=True)
-class Constant:
+class Constant(FromVariance):
     """A variance by class of orbit.
 
     GPS and the BeiDou satellites in medium and inclined orbits are the figures of the paper. It leaves
-    geostationary
-    satellites out for their larger orbit error: ours is theirs times (1.0 / 0.6)^2, the ratio of equation 3 of Zhao
-    et al. (2021). Galileo is treated as GPS and GLONASS as BeiDou, as in that equation's models.
+    geostationary satellites out for their larger orbit error: ours is theirs times (1.0 / 0.6)^2, the ratio of
+    equation 3 of Zhao et al. (2021). Galileo is treated as GPS and GLONASS as BeiDou, as in that equation's models.
 
     Attributes:
         gps_m2, bds_meo_m2, bds_igso_m2, bds_geo_m2, gal_m2, glo_m2: variance of the pseudorange error [m^2].
@@ -40,20 +38,11 @@ class Constant:
 
     def __post_init__(self) -> None:
         for option in _OPTIONS:
-            object.__setattr__(self, option, _variance(option, getattr(self, option)))
+            object.__setattr__(self, option, require_figure(option, getattr(self, option), squared=True))
 
-    def sigma_m(self, sky: Sky) -> NDArray[np.float64]:
-        """Standard deviation of each pseudorange error, in the shape of ``sky`` [m].
-
-        Raises:
-            InputError: what `Sky.checked` refuses; an elevation of 0 or less among it.
-        """
-        sky = sky.checked()
-        variance = np.zeros(sky.shape)
-        for option in _OPTIONS:
-            orbit = option.removesuffix("_m2").replace("_", "-").upper()
-            variance = np.where(np.asarray(sky.orbit) == orbit, getattr(self, option), variance)
-        return np.sqrt(variance)
+    def variance_m2(self, sky: Sky) -> NDArray[np.float64]:
+        """The figure of each satellite's class of orbit [m^2]."""
+        return by_orbit(self, _OPTIONS, sky)
 
     def describe(self) -> dict[str, Any]:
         """Name and the six variances."""
@@ -76,13 +65,3 @@ def constant(**options: Any) -> Constant:
     """
     require_options("constant", options, _OPTIONS)
     return Constant(**options)
-
-
-def _variance(option: str, value: Any) -> float:
-    try:
-        number = float(value)
-    except (TypeError, ValueError):
-        raise InputError(f"{option}: {value!r} is not a number of square metres; it is over zero.") from None
-    if not np.isfinite(number) or number <= 0:
-        raise InputError(f"{option}: {number:g} m^2 cannot be used; it is a finite number of m^2, over zero.")
-    return number

@@ -1,7 +1,8 @@
-"""Equation 3 of Zhao et al. (2021): the models ``residual``, ``none`` and ``user``.
+"""Equation 3 of Zhao et al. (2021): the models ``residual``, ``none``, ``user`` and ``uire``.
 
 ``sigma^2 = sigma0^2 / sin E + sigma_ion^2 + sigma_trop^2``. The paper gives sigma0 and leaves both atmospheric
-terms open; these three models differ in nothing but the figures that fill them.
+terms open; the first three models differ in nothing but the figures that fill them, the last has the user
+ionospheric range error of RTCA DO-229.
 """
 
 from __future__ import annotations
@@ -12,8 +13,14 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from pl_mc.error_models.atmosphere import ZENITH_TROPOSPHERE_M, obliquity, troposphere_sigma_m
-from pl_mc.error_models.base import Sky, require_options, require_sigma
+from pl_mc.error_models.atmosphere import (
+    ZENITH_TROPOSPHERE_M,
+    obliquity,
+    pierce_point_geomagnetic_latitude_rad,
+    troposphere_sigma_m,
+    vertical_uire_sigma_m,
+)
+from pl_mc.error_models.base import FromVariance, Sky, by_orbit, require_figure, require_options
 
 # What single-frequency corrections leave of the vertical ionosphere on an ordinary day; our choice, since the
 # paper is silent.
@@ -40,15 +47,12 @@ class Sigma0:
 
     def __post_init__(self) -> None:
         for option in fields(self):
-            value = require_sigma(f"sigma0_{option.name}", getattr(self, option.name), allow_zero=False)
+            value = require_figure(f"sigma0_{option.name}", getattr(self, option.name))
             object.__setattr__(self, option.name, value)
 
     def variance_m2(self, sky: Sky) -> NDArray[np.float64]:
         """``sigma0^2 / sin E`` of each satellite of a checked sky [m^2]; sin E, not its square, as printed."""
-        sigma0 = np.zeros(sky.shape)
-        for option in fields(self):
-            orbit = option.name.removesuffix("_m").replace("_", "-").upper()
-            sigma0 = np.where(np.asarray(sky.orbit) == orbit, getattr(self, option.name), sigma0)
+        sigma0 = by_orbit(self, [option.name for option in fields(self)], sky)
         return sigma0**2 / np.sin(np.asarray(sky.elevation_rad))
 
     def describe(self) -> dict[str, float]:
@@ -60,7 +64,7 @@ PAPER_SIGMA0 = Sigma0()
 
 
 @dataclass(frozen=True)
-class Equation3:
+class Equation3(FromVariance):
     """Equation 3 with an ionosphere and a troposphere that depend on elevation alone.
 
     Attributes:
@@ -77,18 +81,13 @@ class Equation3:
 
     def __post_init__(self) -> None:
         for option in ("vertical_ionosphere_m", "zenith_troposphere_m"):
-            object.__setattr__(self, option, require_sigma(option, getattr(self, option), allow_zero=True))
+            object.__setattr__(self, option, require_figure(option, getattr(self, option), allow_zero=True))
 
-    def sigma_m(self, sky: Sky) -> NDArray[np.float64]:
-        """Standard deviation of each pseudorange error, in the shape of ``sky`` [m].
-
-        Raises:
-            InputError: what `Sky.checked` refuses; an elevation of 0 or less among it.
-        """
-        sky = sky.checked()
+    def variance_m2(self, sky: Sky) -> NDArray[np.float64]:
+        """The three terms of the equation, added [m^2]."""
         ionosphere = self.vertical_ionosphere_m * obliquity(sky.elevation_rad)
         troposphere = troposphere_sigma_m(sky.elevation_rad, self.zenith_troposphere_m)
-        return np.sqrt(self.sigma0.variance_m2(sky) + ionosphere**2 + troposphere**2)
+        return self.sigma0.variance_m2(sky) + ionosphere**2 + troposphere**2
 
     def describe(self) -> dict[str, Any]:
         """Name and every figure of the model."""
@@ -134,3 +133,43 @@ def user(**options: Any) -> Equation3:
 
 
 USER_OPTIONS = ("vertical_ionosphere_m", "zenith_troposphere_m", *(f"sigma0_{f.name}" for f in fields(Sigma0)))
+
+
+@dataclass(frozen=True)
+class Uire(FromVariance):
+    """Equation 3 with sigma_UIRE by the geomagnetic latitude of each pierce point, and the DO-229 troposphere.
+
+    An upper bound for single-frequency users without corrections, not a model of noise: protection levels made with
+    it are far larger than those of ``residual``, and errors drawn from it are too.
+
+    Attributes:
+        name: ``uire``.
+        sigma0: the first term of the equation.
+    """
+
+    name: str = "uire"
+    sigma0: Sigma0 = PAPER_SIGMA0
+
+    def variance_m2(self, sky: Sky) -> NDArray[np.float64]:
+        """The three terms of the equation, added [m^2]."""
+        geomagnetic = pierce_point_geomagnetic_latitude_rad(
+            sky.elevation_rad, sky.azimuth_rad, sky.latitude_rad, sky.longitude_rad
+        )
+        ionosphere = vertical_uire_sigma_m(geomagnetic) * obliquity(sky.elevation_rad)
+        troposphere = troposphere_sigma_m(sky.elevation_rad)
+        return self.sigma0.variance_m2(sky) + ionosphere**2 + troposphere**2
+
+    def describe(self) -> dict[str, Any]:
+        """Name and every figure of the model."""
+        return {
+            "name": self.name,
+            "vertical_ionosphere": "DO-229 sigma_UIRE: 9, 4.5, 6 m to 20, 55, 90 deg of geomagnetic latitude",
+            "zenith_troposphere_m": ZENITH_TROPOSPHERE_M,
+            **self.sigma0.describe(),
+        }
+
+
+def uire(**options: Any) -> Uire:
+    """The bound of DO-229 for single-frequency users. No options."""
+    require_options("uire", options, ())
+    return Uire()

@@ -8,8 +8,7 @@ from typing import Any
 
 from pl_mc.error_models.base import ErrorModel
 from pl_mc.error_models.constant import constant
-from pl_mc.error_models.equation3 import none, residual, user
-from pl_mc.error_models.uire import uire
+from pl_mc.error_models.equation3 import none, residual, uire, user
 from pl_mc.input_errors import InputError, require_choice, shown
 
 DEFAULT_ERROR_MODEL = "residual"

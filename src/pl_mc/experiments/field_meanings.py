@@ -68,25 +68,27 @@ SHARED: dict[str, str] = {
 }
 
 # What a record says in passing, where the reader has the rest of it in view; alone it would say too little.
-ALONE: dict[tuple[str, str], str] = {
-    (
-        "Igg3",
-        "scale",
-    ): "scale of the standardised residuals: posterior_floored, apriori, posterior, mad or mad_floored",
-    ("Igg3", "start"): "first solution: ls, or huber for five solutions with Huber's weights",
-    ("GatedIgg3", "start"): "first solution: ls, or huber for five solutions with Huber's weights",
+_START = "first solution: ls, or huber for five solutions with Huber's weights"
+ALONE = {
+    "Igg3.scale": "scale of the standardised residuals: posterior_floored, apriori, posterior, mad or mad_floored",
+    "Igg3.start": _START,
+    "GatedIgg3.start": _START,
 }
 
 _UNITS = (("_m", "m"), ("_s", "s"), ("_deg", "deg"))
-_ENTRY = re.compile(r"^(?P<names>[a-z_0-9]+(?:, [a-z_0-9]+)*): (?P<text>.*)$")
+
+# The names of an entry, and its text with the lines that are indented deeper.
+_ENTRY = re.compile(r"^ {4}([a-z_0-9]+(?:, [a-z_0-9]+)*): (.*(?:\n(?: {5}.*)?)*)", re.MULTILINE)
 
 
 def meaning(record: type, field: str) -> str:
     """What a field means, without a full stop; empty where nobody says."""
     info = getattr(record, "model_fields", {}).get(field)
     said = info.description if isinstance(info, FieldInfo) and info.description else None
-    alone = next((ALONE[key] for owner in record.__mro__ if (key := (owner.__name__, field)) in ALONE), None)
-    text = said or alone or _from_docstrings(record, field) or SHARED.get(field, "")
+    owners = record.__mro__
+    alone = next((ALONE[key] for owner in owners if (key := f"{owner.__name__}.{field}") in ALONE), None)
+    documented = (_attributes(owner.__dict__.get("__doc__") or "").get(field) for owner in owners)
+    text = said or alone or next(filter(None, documented), None) or SHARED.get(field, "")
     # A rate names its own unit: m_per_s is not in seconds.
     rate = field.endswith("_per_s")
     unit = None if rate else next((unit for ending, unit in _UNITS if field.endswith(ending)), None)
@@ -132,28 +134,11 @@ def _choices(annotation: Any) -> tuple[Any, ...]:
     return ()
 
 
-def _from_docstrings(record: type, field: str) -> str:
-    for owner in record.__mro__:
-        entries = _attributes(owner.__dict__.get("__doc__") or "")
-        if field in entries:
-            return entries[field]
-    return ""
-
-
 def _attributes(docstring: str) -> dict[str, str]:
     """The lines under ``Attributes:`` by field; continued lines are joined, marks of code left out."""
-    lines = inspect.cleandoc(docstring).splitlines()
-    if "Attributes:" not in lines:
-        return {}
-    found: dict[str, str] = {}
-    names: list[str] = []
-    for line in lines[lines.index("Attributes:") + 1 :]:
-        if line and not line.startswith(" "):
-            break
-        entry = _ENTRY.match(line[4:]) if not line.startswith("     ") else None
-        if entry:
-            names = entry["names"].split(", ")
-        text = entry["text"] if entry else line.strip()
-        for name in names:
-            found[name] = f"{found.get(name, '')} {text}".strip()
-    return {name: text.replace("`", "").rstrip(".") for name, text in found.items()}
+    _, _, section = inspect.cleandoc(docstring).partition("\nAttributes:\n")
+    return {
+        name: " ".join(text.split()).replace("`", "").rstrip(".")
+        for names, text in _ENTRY.findall(re.split(r"^(?=\S)", section, maxsplit=1, flags=re.MULTILINE)[0])
+        for name in names.split(", ")
+    }

@@ -70,19 +70,31 @@ def read_source(which: str) -> ExperimentSource:
         raise InputError(f"{which}: there is no such file ({nearest(path.stem, known)}).") from None
     except (OSError, UnicodeDecodeError) as error:
         raise InputError(f"{which}: the file cannot be read ({error}).") from None
-    if path.suffix == ".json":
-        name, content = _from_manifest(path, text)
-        return ExperimentSource(name, path, "", content)
-    return ExperimentSource(path.stem, path, text, _from_toml(path, text))
+    try:
+        if path.suffix == ".json":
+            manifest = json.loads(text)
+            return ExperimentSource(manifest["name"], path, "", dict(manifest["experiment"]))
+        return ExperimentSource(path.stem, path, text, tomllib.loads(text))
+    except tomllib.TOMLDecodeError as error:
+        raise InputError(f"{path}: it is not TOML: {error}.") from None
+    except (ValueError, KeyError, TypeError):
+        raise InputError(f"{path}: it is no manifest of a run.") from None
 
 
 def build_experiment(content: Mapping[str, Any], *, source: str) -> Experiment:
     """The record of an experiment's fields; an `InputError` names every wrong one."""
     content = in_todays_words(content)
-    kind = _kind_problem(content)
-    if kind is not None:
-        raise InputError(f"{source}: {kind.field}: {kind.reason}")
+    if (problem := _kind_problem(content)) is not None:
+        raise InputError(f"{source}: {problem.field}: {problem.reason}")
     return validated(KINDS[content["kind"]].model, content, source=source)
+
+
+def in_this_version(content: Mapping[str, Any], *, source: str) -> Mapping[str, Any]:
+    """The fields of an earlier version's record as this one would write them, with the defaults that it lacked."""
+    try:
+        return build_experiment(content, source=source).model_dump(mode="json")
+    except InputError:
+        return content
 
 
 def field_problems(content: Mapping[str, Any]) -> list[FieldProblem]:
@@ -97,18 +109,3 @@ def _kind_problem(content: Mapping[str, Any]) -> FieldProblem | None:
     if isinstance(kind, str) and kind in KINDS:
         return None
     return FieldProblem("kind", f"{kind!r} is unknown ({nearest(str(kind), KINDS)}).")
-
-
-def _from_toml(path: Path, text: str) -> dict[str, Any]:
-    try:
-        return tomllib.loads(text)
-    except tomllib.TOMLDecodeError as error:
-        raise InputError(f"{path}: it is not TOML: {error}.") from None
-
-
-def _from_manifest(path: Path, text: str) -> tuple[str, dict[str, Any]]:
-    try:
-        manifest = json.loads(text)
-        return manifest["name"], dict(manifest["experiment"])
-    except (ValueError, KeyError, TypeError):
-        raise InputError(f"{path}: it is no manifest of a run.") from None

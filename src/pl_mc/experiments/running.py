@@ -6,26 +6,44 @@ that shares of it can be counted elsewhere and merged.
 
 from __future__ import annotations
 
+import shutil
 import time
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
-from pl_mc.engine import Execution
+from pl_mc.engine import Execution, checkpoint_store
 from pl_mc.experiments.field_meanings import meanings_of
-from pl_mc.experiments.output import result_folder, write_manifest
-from pl_mc.experiments.result import RunResult
-from pl_mc.experiments.unfinished import Unfinished
-from pl_mc.input_errors import InputError
-from pl_mc.report.files import write_findings
-from pl_mc.report.markdown import to_markdown
+from pl_mc.experiments.loading import build_experiment
+from pl_mc.experiments.output import RECORD, SUFFIX, Unfinished, read_record, result_folder, write_manifest
+from pl_mc.input_errors import InputError, system_reason
+from pl_mc.report.files import to_markdown, write_findings
 from pl_mc.report.page import PAGE, write_page
-from pl_mc.report.run_folder import read_run_folder
+from pl_mc.report.run_folder import MANIFEST, read_run_folder
 from pl_mc.studies.registry import KINDS, study_of
 from pl_mc.studies.spec import Experiment, kind_of
 from pl_mc.studies.study import Parted, Study
+
+
+@dataclass(frozen=True)
+class RunResult:
+    """What a finished run hands back: a summary for the screen and for ``summary.md``, and where the files are.
+
+    Attributes:
+        folder: the results.
+        summary: one screen of text in Markdown.
+        notes: sentences about what was left out or chosen.
+        answer: the answer in three sentences; none for a share of a run.
+        page: name of the page in the folder; empty for a share.
+    """
+
+    folder: Path
+    summary: str
+    notes: tuple[str, ...]
+    answer: tuple[str, ...] = ()
+    page: str = ""
 
 
 class Interrupted(KeyboardInterrupt):
@@ -57,7 +75,7 @@ def run_experiment(
     folder = Path("runs") / name if out is None else Path(out)
     how = execution or Execution()
     study = study_of(experiment)
-    if _shared(how):
+    if how.resume or how.scheduler is not None or how.devices is not None or how.stored_only:
         _sweeps(experiment)
     begin = time.perf_counter()
     # The output is checked before anything is computed.
@@ -92,16 +110,44 @@ def run_shard(name: str, experiment: Experiment, out: Path | None, execution: Ex
     # Shares of one run may store their parts in one folder: those of others are no obstacle.
     how = replace(execution, resume=True)
     sweeps = _sweeps(experiment)
-    notes: list[str] = []
     with _parts(name, experiment, folder, study_of(experiment), how, fresh=False) as how:
-        for planned in sweeps(experiment):
-            notes += planned.run(experiment, how).attrs["notes"]
+        notes = [note for planned in sweeps(experiment) for note in planned.run(experiment, how).attrs["notes"]]
     place = Unfinished(folder)
     index, count = execution.shard
     summary = f"Shard {index} of {count}: {place.part_count} parts are finished; pl-mc merge makes the results.\n"
     if notes:
         summary += "\nNotes:\n\n" + "".join(f"- {note}\n" for note in notes)
     return RunResult(folder=place.folder, summary=summary, notes=tuple(notes))
+
+
+def merge(folders: Sequence[Path], out: Path, *, progress: bool | None = None) -> RunResult:
+    """The results of a run from the parts that its shares stored.
+
+    Args:
+        folders: the shares' results folders, or their ``.unfinished`` folders; one if they shared one.
+        out: the results folder.
+        progress: whether to show a progress bar.
+
+    Raises:
+        InputError: folders of different experiments, or parts that are missing or damaged.
+    """
+    sources = [_source(folder) for folder in folders]
+    if not sources:
+        raise InputError("merge: at least one folder of a share is needed.")
+    first = read_record(sources[0])
+    for source in sources[1:]:
+        if read_record(source)["experiment"] != first["experiment"]:
+            raise InputError(f"{source}: it is a share of another experiment than {sources[0]}.")
+    place = Unfinished(out)
+    try:
+        for source in sources:
+            if source.absolute() != place.folder.absolute():
+                _copy(source, place.folder)
+    except OSError as error:
+        raise InputError(f"{place.folder}: the parts cannot be gathered ({system_reason(error)}).") from None
+    experiment = build_experiment(first["experiment"], source=RECORD)
+    how = Execution(stored_only=True, progress=progress)
+    return run_experiment(first["name"], experiment, out, execution=how)
 
 
 @contextmanager
@@ -122,7 +168,8 @@ def _parts(
         kept = f"{count} finished parts are kept in {place.folder}, --resume goes on"
         raise Interrupted(f"interrupted; {kept if count else 'nothing was written'}.") from None
     finally:
-        place.remove_if_empty()
+        if not place.part_count:
+            place.remove()
 
 
 def _sweeps(experiment: Experiment) -> Callable[[Any], tuple[Parted, ...]]:
@@ -137,5 +184,21 @@ def _sweeps(experiment: Experiment) -> Callable[[Any], tuple[Parted, ...]]:
     return sweeps
 
 
-def _shared(how: Execution) -> bool:
-    return how.resume or how.scheduler is not None or how.devices is not None or how.stored_only
+def _source(folder: Path) -> Path:
+    for place in (folder, folder.with_name(folder.name + SUFFIX)):
+        if (place / RECORD).is_file():
+            return place
+    done = " (a finished run)" if (folder / MANIFEST).is_file() else ""
+    raise InputError(f"{folder}: it holds no parts of a share{done}.")
+
+
+def _copy(source: Path, target: Path) -> None:
+    """Add what a share stored; a part that two shares counted is the same in both."""
+    for path in sorted(source.rglob("*")):
+        if path.name.startswith(".") or not path.is_file():
+            continue
+        place = target / path.relative_to(source)
+        if place.exists() and (path.suffix == ".json" or checkpoint_store.is_whole(place.read_bytes())):
+            continue
+        place.parent.mkdir(parents=True, exist_ok=True)
+        shutil.copy2(path, place)

@@ -54,8 +54,7 @@ def template_for(which: str) -> str:
 
 def template(experiment: Experiment) -> str:
     """The text of an experiment file that holds ``experiment``, with a comment above every field."""
-    described = (study_of(experiment).model.__doc__ or "").strip().splitlines()
-    about = described[0].rstrip(".").replace("`", "") if described else ""
+    about = (study_of(experiment).model.__doc__ or "").strip().partition("\n")[0].rstrip(".").replace("`", "")
     head = [
         *_comment(f"An experiment of the kind {kind_of(experiment)}: {about[:1].lower()}{about[1:]}."),
         *_comment(
@@ -103,9 +102,7 @@ def _name(record: BaseModel) -> tuple[type, str]:
 
 def _about(record: BaseModel, field: str) -> list[str]:
     info = type(record).model_fields[field]
-    text = meaning(type(record), field)
-    parts = [f"{text[:1].upper()}{text[1:]}." if text else ""]
-    allowed = rule(info)
+    text, allowed = meaning(type(record), field), rule(info)
     default = info.default if info.default_factory is None else info.default_factory()  # type: ignore[call-arg]
     if default is PydanticUndefined:
         ends = "has to be given"
@@ -117,8 +114,8 @@ def _about(record: BaseModel, field: str) -> list[str]:
         ends = f"default: {', '.join(str(getattr(one, 'name', one)) for one in default)}"
     else:
         ends = f"default: {_value(default)}"
-    parts.append(f"[{allowed}; {ends}]" if allowed else f"[{ends}]")
-    return _comment(" ".join(part for part in parts if part))
+    bracket = f"[{allowed}; {ends}]" if allowed else f"[{ends}]"
+    return _comment(f"{text[:1].upper()}{text[1:]}. {bracket}" if text else bracket)
 
 
 def _options(record: BaseModel, *, again: bool) -> list[str]:
@@ -152,14 +149,14 @@ def _key(key: str) -> str:
 
 def _value(value: Any) -> str:
     """A value in TOML."""
-    if isinstance(value, bool):
-        return "true" if value else "false"
+    if isinstance(value, bool | str):
+        return json.dumps(value, ensure_ascii=False)
+    if isinstance(value, Path):
+        return _value(str(value))
     if isinstance(value, int):
         return f"{value:_}" if abs(value) >= 10_000 and value % 1000 == 0 else str(value)
     if isinstance(value, float):
         return repr(value)
-    if isinstance(value, str | Path):
-        return json.dumps(str(value), ensure_ascii=False)
     if isinstance(value, Mapping):
         inner = ", ".join(f"{_key(str(key))} = {_value(one)}" for key, one in value.items())
         return f"{{ {inner} }}" if inner else "{}"

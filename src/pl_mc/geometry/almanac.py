@@ -7,6 +7,7 @@ nearest to the time of the simulation is taken.
 
 from __future__ import annotations
 
+import itertools
 import os
 import re
 import stat
@@ -17,11 +18,10 @@ import numpy as np
 
 from pl_mc.constants import EARTH_ROTATION_RAD_S
 from pl_mc.geometry.constellations import Slot
-from pl_mc.input_errors import InputError, shown
+from pl_mc.input_errors import InputError, shown, system_reason
 
 _WEEK_S = 604_800.0
 _WEEKS_PER_CYCLE = 1024
-_LARGEST_PRN = 63
 
 # The longest an almanac can sensibly be, so that another file is told from one before it is read.
 _LARGEST_BYTES = 1_000_000
@@ -29,44 +29,38 @@ _LARGEST_BYTES = 1_000_000
 # A SEM file holds the inclination less 0.30 semicircles, as the satellites send it.
 _SEM_INCLINATION = 0.30
 
-# Fields of a YUMA record by the words before their units, and of a SEM record by their place.
-_YUMA = {
-    "id": "prn",
-    "health": "health",
-    "eccentricity": "eccentricity",
-    "time of applicability": "toa_s",
-    "orbital inclination": "inclination_rad",
-    "rate of right ascen": "raan_rate_rad_s",
-    "sqrt": "root_axis",
-    "right ascen at week": "raan_rad",
-    "argument of perigee": "perigee_rad",
-    "mean anom": "mean_anomaly_rad",
-    "week": "week",
+# Elements with the words before their units in a YUMA record, and the widest values that the navigation message has
+# room for, less what is no orbit.
+_ELEMENTS: dict[str, tuple[str, float, float]] = {
+    "prn": ("id", 1, 63),
+    "health": ("health", 0, 511),
+    "eccentricity": ("eccentricity", 0.0, 0.5),
+    "toa_s": ("time of applicability", 0.0, _WEEK_S),
+    "inclination_rad": ("orbital inclination", 0.0, np.pi),
+    "raan_rate_rad_s": ("rate of right ascen", -1e-6, 1e-6),
+    "root_axis": ("sqrt", 4500.0, 7000.0),
+    "raan_rad": ("right ascen at week", -2 * np.pi, 2 * np.pi),
+    "perigee_rad": ("argument of perigee", -2 * np.pi, 2 * np.pi),
+    "mean_anomaly_rad": ("mean anom", -2 * np.pi, 2 * np.pi),
+    "week": ("week", 0, 8191),
 }
+_WHOLE = ("prn", "health", "week")
+_WITHOUT_POINT = (*_WHOLE, "toa_s")
 _YUMA_HEADING = re.compile(r"\*+ *week +(\d{1,4}) +almanac for PRN-(\d{1,2})\b", re.IGNORECASE | re.ASCII)
 _DECIMAL = re.compile(r"\s*[-+]?\d+\.\d", re.ASCII)
+
+# Places in a SEM record: PRN, SVN, accuracy; e, i, rate of the node; root of a, node, perigee; M, clock offset and
+# drift; health, configuration. Angles are in semicircles.
+_SEM = {
+    "prn": 0, "eccentricity": 3, "inclination_rad": 4, "raan_rate_rad_s": 5, "root_axis": 6, "raan_rad": 7,
+    "perigee_rad": 8, "mean_anomaly_rad": 9, "health": 12,
+}  # fmt: skip
+_SEM_ANGLES = (4, 5, 7, 8, 9)
 _SEM_NUMBERS = 14
 _SEM_ROWS = [0, 1, 2, 3, 3, 3, 4, 4, 4, 5, 5, 5, 6, 7]
 
 # The satellites that are in use have almanacs of one upload, or of the two before and after it.
 _LONGEST_SPREAD_S = 2 * _WEEK_S
-
-# What an element can be: the widest values that the navigation message has room for, less what is no orbit.
-_RANGES = {
-    "prn": (1, _LARGEST_PRN),
-    "health": (0, 511),
-    "eccentricity": (0.0, 0.5),
-    "toa_s": (0.0, _WEEK_S),
-    "inclination_rad": (0.0, np.pi),
-    "raan_rate_rad_s": (-1e-6, 1e-6),
-    "root_axis": (4500.0, 7000.0),
-    "raan_rad": (-2 * np.pi, 2 * np.pi),
-    "perigee_rad": (-2 * np.pi, 2 * np.pi),
-    "mean_anomaly_rad": (-2 * np.pi, 2 * np.pi),
-    "week": (0, 8191),
-}
-_WHOLE = ("prn", "health", "week")
-_WITHOUT_POINT = (*_WHOLE, "toa_s")
 
 
 def almanac_slots(path: str | Path, near_gps_s: float) -> tuple[Slot, ...]:
@@ -88,7 +82,7 @@ def almanac_slots(path: str | Path, near_gps_s: float) -> tuple[Slot, ...]:
     slots = []
     seen: set[int] = set()
     for line, record in records:
-        for field, (low, high) in _RANGES.items():
+        for field, (_, low, high) in _ELEMENTS.items():
             value = record[field]
             if not low <= value <= high or (field in _WHOLE and value != int(value)):
                 raise InputError(f"{path}: line {line}: {field} is {value:g}, which is no value of an almanac.")
@@ -136,9 +130,7 @@ def _lines(path: Path) -> list[str]:
         readable = stat.S_ISREG(status.st_mode) and status.st_size <= _LARGEST_BYTES
         content = path.read_bytes() if readable else b""
     except OSError as error:
-        raise InputError(
-            f"{path}: the almanac cannot be read ({(error.strerror or str(error)).lower()})."
-        ) from None
+        raise InputError(f"{path}: the almanac cannot be read ({system_reason(error)}).") from None
     except ValueError:
         raise InputError(f"{str(path)!r}: this cannot be the name of an almanac.") from None
     if not readable:
@@ -150,46 +142,41 @@ def _lines(path: Path) -> list[str]:
 
 def _yuma(path: Path, lines: Sequence[str]) -> Iterator[tuple[int, dict[str, float]]]:
     """Line of the heading and elements of each satellite."""
-    begin = 0
-    heading: re.Match[str] | None = None
-    record: dict[str, float] | None = None
-    for number, line in enumerate([*lines, "****"], start=1):
-        if line.startswith("****"):
-            if record is not None:
-                missing = [name for name in _YUMA.values() if name not in record]
-                if missing:
-                    raise InputError(f"{path}: line {begin}: the record of a satellite lacks {', '.join(missing)}.")
-                said = heading and (int(heading[1]), int(heading[2]))
-                if said and said != (record["week"], record["prn"]):
-                    raise InputError(
-                        f"{path}: line {begin}: the heading says week {said[0]} and PRN {said[1]}, the record week "
-                        f"{record['week']:g} and PRN {record['prn']:g}."
-                    )
-                yield begin, record
-            begin, record = number, {}
-            heading = _YUMA_HEADING.search(line)
-            continue
-        words, colon, value = line.partition(":")
-        if not line.strip():
-            continue
-        if record is None or not colon:
-            raise InputError(f"{path}: line {number}: a heading of asterisks or a field with a colon is needed.")
-        words = words.strip().lower()
-        if words.count("(") != words.count(")"):
-            raise InputError(
-                f"{path}: line {number}: the unit in {line.strip()!r} is not whole; the file is damaged."
-            )
-        name = next((name for start, name in _YUMA.items() if words.startswith(start)), None)
-        if name is not None:
+    headings = [k for k, line in enumerate(lines) if line.startswith("****")]
+    for begin, end in itertools.pairwise([-1, *headings, len(lines)]):
+        record: dict[str, float] = {}
+        for number, line in enumerate(lines[begin + 1 : end], start=begin + 2):
+            at = f"{path}: line {number}:"
+            words, colon, value = line.partition(":")
+            words = words.strip().lower()
+            if not line.strip():
+                continue
+            if begin < 0 or not colon:
+                raise InputError(f"{at} a heading of asterisks or a field with a colon is needed.")
+            if words.count("(") != words.count(")"):
+                raise InputError(f"{at} the unit in {line.strip()!r} is not whole; the file is damaged.")
+            name = next((name for name, (start, *_) in _ELEMENTS.items() if words.startswith(start)), None)
+            if name is None:
+                continue
             if name in record:
-                raise InputError(f"{path}: line {number}: {name} appears twice in the record of a satellite.")
+                raise InputError(f"{at} {name} appears twice in the record of a satellite.")
             record[name] = _number(path, number, value)
             # What is left of a number that has lost its beginning is mostly a number too.
             if name not in _WITHOUT_POINT and not _DECIMAL.match(value):
                 raise InputError(
-                    f"{path}: line {number}: a number with digits on both sides of its point is needed, not "
-                    f"{value.strip()!r}."
+                    f"{at} a number with digits on both sides of its point is needed, not {value.strip()!r}."
                 )
+        if begin < 0:
+            continue
+        if missing := [name for name in _ELEMENTS if name not in record]:
+            raise InputError(f"{path}: line {begin + 1}: the record of a satellite lacks {', '.join(missing)}.")
+        heading = _YUMA_HEADING.search(lines[begin])
+        if heading and (int(heading[1]), int(heading[2])) != (record["week"], record["prn"]):
+            raise InputError(
+                f"{path}: line {begin + 1}: the heading says week {int(heading[1])} and PRN {int(heading[2])}, the "
+                f"record week {record['week']:g} and PRN {record['prn']:g}."
+            )
+        yield begin + 1, record
 
 
 def _sem(path: Path, lines: Sequence[str]) -> Iterator[tuple[int, dict[str, float]]]:
@@ -216,23 +203,8 @@ def _sem(path: Path, lines: Sequence[str]) -> Iterator[tuple[int, dict[str, floa
                 "numbers, none of them empty."
             )
         value = [_number(path, k, word) for k, word in fields[first : first + _SEM_NUMBERS]]
-        # PRN, SVN, accuracy; e, i, rate of the node; root of a, node, perigee; M, clock offset and drift; health,
-        # configuration. Angles are in semicircles.
-        yield (
-            line,
-            shared
-            | {
-                "prn": value[0],
-                "eccentricity": value[3],
-                "inclination_rad": (_SEM_INCLINATION + value[4]) * np.pi,
-                "raan_rate_rad_s": value[5] * np.pi,
-                "root_axis": value[6],
-                "raan_rad": value[7] * np.pi,
-                "perigee_rad": value[8] * np.pi,
-                "mean_anomaly_rad": value[9] * np.pi,
-                "health": value[12],
-            },
-        )
+        value[4] += _SEM_INCLINATION
+        yield line, shared | {name: value[k] * (np.pi if k in _SEM_ANGLES else 1.0) for name, k in _SEM.items()}
 
 
 def _number(path: Path, line: int, text: str) -> float:

@@ -7,9 +7,12 @@ without files. Names follow reality only in kind: C06 is an inclined geosynchron
 
 from __future__ import annotations
 
+import itertools
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
+from functools import partial
 from types import MappingProxyType
+from typing import Any
 
 import numpy as np
 
@@ -55,35 +58,24 @@ class Slot:
     raan_rate_rad_s: float = 0.0
 
 
-@dataclass(frozen=True)
-class _Table:
-    """What the slots of one table share; angles in degrees, as the sources print them."""
-
-    system: str
-    orbit: str
-    semi_major_axis_m: float
-    inclination_deg: float
-    reference: str
-    reference_sidereal_deg: float
-    geosynchronous: bool = False
-
-    def slots(self, first: int, places: Sequence[tuple[float, float]]) -> tuple[Slot, ...]:
-        """Slots numbered from ``first`` on, one for each (RAAN, argument of latitude) in degrees."""
-        return tuple(
-            Slot(
-                name=f"{self.system}{first + k:02d}",
-                system=self.system,
-                orbit=self.orbit,
-                semi_major_axis_m=self.semi_major_axis_m,
-                inclination_rad=float(np.radians(self.inclination_deg)),
-                raan_rad=float(np.radians(raan % 360)),
-                argument_of_latitude_rad=float(np.radians(argument % 360)),
-                reference_gps_s=gps_seconds(self.reference),
-                reference_sidereal_rad=float(np.radians(self.reference_sidereal_deg)),
-                geosynchronous=self.geosynchronous,
-            )
-            for k, (raan, argument) in enumerate(places)
+def _slots(
+    first: int, places: Sequence[tuple[float, float]], *, system: str, inclination_deg: float, reference: str,
+    sidereal_deg: float, **shared: Any,
+) -> tuple[Slot, ...]:  # fmt: skip
+    """Slots numbered from ``first`` on, one for each (RAAN, argument of latitude) [deg]; the rest they share."""
+    return tuple(
+        Slot(
+            name=f"{system}{first + k:02d}",
+            system=system,
+            inclination_rad=float(np.radians(inclination_deg)),
+            raan_rad=float(np.radians(raan % 360)),
+            argument_of_latitude_rad=float(np.radians(argument % 360)),
+            reference_gps_s=gps_seconds(reference),
+            reference_sidereal_rad=float(np.radians(sidereal_deg)),
+            **shared,
         )
+        for k, (raan, argument) in enumerate(places)
+    )
 
 
 def _walker(raan_deg: float, argument_deg: float) -> list[tuple[float, float]]:
@@ -98,7 +90,10 @@ def _walker(raan_deg: float, argument_deg: float) -> list[tuple[float, float]]:
 # latitude at 1993-07-01 00:00:00, Greenwich hour angle 18 h 36 min 14.4 s. Its 26 559.7 km are meant together with
 # the oblateness of the Earth; without it the period is 5 s short of half a sidereal day, and the ground track
 # moves by 0.04 deg a day.
-_GPS = _Table("G", "GPS", 26_559.7e3, 55.0, "1993-07-01T00:00:00", 279.06)
+_GPS = partial(
+    _slots, system="G", orbit="GPS", semi_major_axis_m=26_559.7e3, inclination_deg=55.0,
+    reference="1993-07-01T00:00:00", sidereal_deg=279.06,
+)  # fmt: skip
 _GPS_PLACES = [
     (raan, argument)
     for raan, arguments in (
@@ -115,25 +110,21 @@ _GPS_PLACES = [
 # Navipedia, "BeiDou Space Segment": classes of orbit, GEO longitudes, IGSO group at 118 deg E, MEO Walker 24/3/1.
 # The MEO radius is that of the 21 528 km altitude in the BeiDou performance standard. Angles refer to a sidereal
 # time of 100 deg at 2006-01-01 00:00:00; the second IGSO group, at 95 deg E, is the first one turned.
-_BDS_REFERENCE = "2006-01-01T00:00:00"
 _BDS_SIDEREAL_DEG = 100.0
-_MEO = _Table("C", "BDS-MEO", 27_906.0e3, 55.0, _BDS_REFERENCE, _BDS_SIDEREAL_DEG)
-_IGSO = _Table("C", "BDS-IGSO", 42_164.0e3, 55.0, _BDS_REFERENCE, _BDS_SIDEREAL_DEG, geosynchronous=True)
-_GEO = _Table("C", "BDS-GEO", 42_164.0e3, 0.0, _BDS_REFERENCE, _BDS_SIDEREAL_DEG, geosynchronous=True)
+_BDS = partial(_slots, system="C", reference="2006-01-01T00:00:00", sidereal_deg=_BDS_SIDEREAL_DEG)
+_MEO = partial(_BDS, orbit="BDS-MEO", semi_major_axis_m=27_906.0e3, inclination_deg=55.0)
+_IGSO = partial(_BDS, orbit="BDS-IGSO", semi_major_axis_m=42_164.0e3, inclination_deg=55.0, geosynchronous=True)
+_GEO = partial(_BDS, orbit="BDS-GEO", semi_major_axis_m=42_164.0e3, inclination_deg=0.0, geosynchronous=True)
 _IGSO_118_E = [(218.0, 0.0), (98.0, 120.0), (338.0, 240.0)]
 _IGSO_95_E = [(195.0, 0.0), (75.0, 120.0), (315.0, 240.0)]
 
 # European GNSS Service Centre, reference constellation: Walker 24/3/1 at 2016-11-21 00:00:00; the sidereal time of
 # that moment is the computed one.
 _GALILEO_REFERENCE = "2016-11-21T00:00:00"
-_GALILEO = _Table(
-    "E",
-    "GAL",
-    29_599.8e3,
-    56.0,
-    _GALILEO_REFERENCE,
-    float(np.degrees(gmst_rad(gps_seconds(_GALILEO_REFERENCE))) % 360),
-)
+_GALILEO = partial(
+    _slots, system="E", orbit="GAL", semi_major_axis_m=29_599.8e3, inclination_deg=56.0,
+    reference=_GALILEO_REFERENCE, sidereal_deg=float(np.degrees(gmst_rad(gps_seconds(_GALILEO_REFERENCE))) % 360),
+)  # fmt: skip
 
 
 def _geostationary(longitudes_deg: Sequence[float]) -> list[tuple[float, float]]:
@@ -142,7 +133,7 @@ def _geostationary(longitudes_deg: Sequence[float]) -> list[tuple[float, float]]
 
 def gps() -> tuple[Slot, ...]:
     """The 24 slots of GPS: G01 to G24 in the order A1, A2, ... F4."""
-    return _GPS.slots(1, _GPS_PLACES)
+    return _GPS(1, _GPS_PLACES)
 
 
 def beidou_2() -> tuple[Slot, ...]:
@@ -152,9 +143,9 @@ def beidou_2() -> tuple[Slot, ...]:
     """
     meo = _walker(0.0, 0.0)
     return (
-        *_GEO.slots(1, _geostationary([58.75, 80.0, 110.5, 140.0, 160.0])),
-        *_IGSO.slots(6, _IGSO_118_E + _IGSO_95_E[:2]),
-        *_MEO.slots(11, [meo[8 * plane + k] for plane, k in ((0, 6), (0, 7), (1, 2), (1, 3))]),
+        *_GEO(1, _geostationary([58.75, 80.0, 110.5, 140.0, 160.0])),
+        *_IGSO(6, _IGSO_118_E + _IGSO_95_E[:2]),
+        *_MEO(11, [meo[8 * plane + k] for plane, k in ((0, 6), (0, 7), (1, 2), (1, 3))]),
     )
 
 
@@ -166,15 +157,15 @@ def beidou_3() -> tuple[Slot, ...]:
     four hours after those of BeiDou-2. The GEO satellites share longitudes with BeiDou-2, as the real ones do.
     """
     return (
-        *_MEO.slots(19, _walker(0.0, 22.5)),
-        *_IGSO.slots(43, [(raan - 60, argument + 60) for raan, argument in _IGSO_118_E]),
-        *_GEO.slots(59, _geostationary([80.0, 110.5, 140.0])),
+        *_MEO(19, _walker(0.0, 22.5)),
+        *_IGSO(43, [(raan - 60, argument + 60) for raan, argument in _IGSO_118_E]),
+        *_GEO(59, _geostationary([80.0, 110.5, 140.0])),
     )
 
 
 def galileo() -> tuple[Slot, ...]:
     """Galileo, Walker 24/3/1: E01 to E24, plane by plane; without spares and the pair in eccentric orbits."""
-    return _GALILEO.slots(1, _walker(317.632, 225.153))
+    return _GALILEO(1, _walker(317.632, 225.153))
 
 
 CONSTELLATIONS: Mapping[str, Callable[[], tuple[Slot, ...]]] = MappingProxyType(
@@ -209,11 +200,10 @@ def constellation_slots(
         raise InputError(
             f"almanac: it holds GPS satellites, but the constellations are {', '.join(wanted)}; add GPS."
         )
-    slots = tuple(
-        slot
-        for name in wanted
-        for slot in (gps_slots if name == "GPS" and gps_slots is not None else CONSTELLATIONS[name]())
-    )
+    made = {name: CONSTELLATIONS[name]() for name in wanted}
+    if gps_slots is not None:
+        made["GPS"] = tuple(gps_slots)
+    slots = tuple(itertools.chain(*made.values()))
     names = [slot.name for slot in slots]
     off = [without] if isinstance(without, str) else list(without)
     for name in off:

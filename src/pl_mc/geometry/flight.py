@@ -9,6 +9,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from types import SimpleNamespace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -31,24 +32,12 @@ ROLL_S = 4.0
 # The longest flight that is integrated, two weeks: no aircraft of the kind stays up for a day.
 _LONGEST_FLIGHT_S = 1_209_600.0
 
+# The plain east of Zhengzhou, Henan, where a flight begins: a place of our choosing, since the paper names none.
+# Height of the runway above the ellipsoid, and heading of the take-off, clockwise from north.
+ZHENGZHOU_PLAIN = SimpleNamespace(latitude_deg=34.80, longitude_deg=114.00, height_m=62.0, heading_deg=90.0)
+
 # Step of the integration; positions at whole seconds are accurate to a millimetre.
 _STEP_S = 0.05
-
-
-@dataclass(frozen=True)
-class Place:
-    """Where a flight begins.
-
-    Attributes:
-        latitude_deg, longitude_deg: geodetic position [deg].
-        height_m: height of the runway above the ellipsoid [m].
-        heading_deg: heading of the take-off, clockwise from north [deg].
-    """
-
-    latitude_deg: float
-    longitude_deg: float
-    height_m: float
-    heading_deg: float
 
 
 @dataclass(frozen=True)
@@ -103,10 +92,6 @@ def turn(angle_deg: float, *, bank_deg: float = 25.0, climb_m: float = 0.0) -> M
     return Manoeuvre(turn_deg=angle_deg, bank_deg=bank_deg, climb_m=climb_m)
 
 
-# The plain east of Zhengzhou, Henan; a place of our choosing, since the paper names none.
-ZHENGZHOU_PLAIN = Place(latitude_deg=34.80, longitude_deg=114.00, height_m=62.0, heading_deg=90.0)
-
-
 def survey_plan() -> tuple[Manoeuvre, ...]:
     """A survey flight of 2 h 23 min at 28 m/s: what a small fixed-wing aircraft with a camera does.
 
@@ -146,9 +131,7 @@ def survey_plan() -> tuple[Manoeuvre, ...]:
     )
 
 
-def fly(
-    plan: Sequence[Manoeuvre], place: Place = ZHENGZHOU_PLAIN, *, epochs: int, interval_s: float = 1.0
-) -> Flight:
+def fly(plan: Sequence[Manoeuvre], *, epochs: int, interval_s: float = 1.0) -> Flight:
     """Fly a plan; after its end the aircraft goes on straight at its last speed (a plan that lands: it stands).
 
     Bank follows from the turn, ``tan(bank) = v^2 / (r g) = v w / g`` with the turn rate w (coordinated turn; any
@@ -156,7 +139,6 @@ def fly(
 
     Args:
         plan: the manoeuvres; each begins with the speed that the last one ended with, the first from standing.
-        place: where it begins.
         epochs: number of epochs.
         interval_s: time from one epoch to the next [s].
 
@@ -184,28 +166,19 @@ def fly(
         into, out_of = part * duration_s / ROLL_S, (1 - part) * duration_s / ROLL_S
         rate[during] = turn_rate * _smooth(np.minimum(into, 1)) * _smooth(np.minimum(out_of, 1))
         begin_s, v = begin_s + duration_s, v_end
-    heading = np.radians(place.heading_deg) + _integral(rate)
-    height = place.height_m + _integral(climb)
-    latitude0, longitude0 = np.radians(place.latitude_deg), np.radians(place.longitude_deg)
-    north_m_rad, east_m_rad = _metres_per_radian(latitude0, place.height_m)
+    heading = np.radians(ZHENGZHOU_PLAIN.heading_deg) + _integral(rate)
+    height = ZHENGZHOU_PLAIN.height_m + _integral(climb)
+    latitude0, longitude0 = np.radians([ZHENGZHOU_PLAIN.latitude_deg, ZHENGZHOU_PLAIN.longitude_deg])
+    north_m_rad, east_m_rad = _metres_per_radian(latitude0, ZHENGZHOU_PLAIN.height_m)
     latitude = latitude0 + _integral(speed * np.cos(heading)) / north_m_rad
     longitude = longitude0 + _integral(speed * np.sin(heading)) / east_m_rad
     bank = np.arctan(speed * rate / GRAVITY_M_S2)
 
     at = np.arange(epochs, dtype=np.float64) * interval_s
-
-    def sampled(values: NDArray[np.float64]) -> NDArray[np.float64]:
-        return np.interp(at, time, values)
-
-    return Flight(
-        time_s=at,
-        track_m=from_geodetic(sampled(latitude), sampled(longitude), sampled(height)),
-        height_m=sampled(height),
-        speed_m_s=sampled(speed),
-        climb_m_s=sampled(climb),
-        heading_rad=sampled(heading),
-        bank_rad=sampled(bank),
+    latitude, longitude, height, speed, climb, heading, bank = (
+        np.interp(at, time, values) for values in (latitude, longitude, height, speed, climb, heading, bank)
     )
+    return Flight(at, from_geodetic(latitude, longitude, height), height, speed, climb, heading, bank)
 
 
 def banked_visibility(

@@ -10,6 +10,7 @@ sight by far less than a nominal orbit is off.
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import fields
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -43,38 +44,22 @@ def satellite_positions_m(slots: Sequence[Slot], time_gps_s: ArrayLike) -> NDArr
         time_gps_s: (epochs,), seconds since 1980-01-06 in GPS time [s].
     """
     time = np.atleast_1d(np.asarray(time_gps_s, dtype=float))[:, None]
-    radius, inclination, raan, start, reference, sidereal = (
-        np.array([getattr(slot, name) for slot in slots], dtype=float)
-        for name in (
-            "semi_major_axis_m",
-            "inclination_rad",
-            "raan_rad",
-            "argument_of_latitude_rad",
-            "reference_gps_s",
-            "reference_sidereal_rad",
-        )
-    )
+    numbers = (np.array([getattr(slot, field.name) for slot in slots], dtype=float) for field in fields(Slot)[3:])
+    radius, inclination, raan, start, reference, sidereal, geosynchronous, *ellipse = numbers
+    eccentricity, perigee, raan_rate = ellipse
     turned = gmst_rad(time) - gmst_rad(reference)
-    travelled = np.where(
-        [slot.geosynchronous for slot in slots], turned, mean_motion_rad_s(radius) * (time - reference)
-    )
-    argument = start + travelled
+    argument = start + np.where(geosynchronous, turned, mean_motion_rad_s(radius) * (time - reference))
     node = raan - sidereal - turned
-    if_stationary = (inclination == 0) & np.array([slot.geosynchronous for slot in slots])
+    if_stationary = (inclination == 0) & (geosynchronous > 0)
     # Both angles of a geostationary satellite grow without end and cancel; their sum keeps its digits.
     argument = np.where(if_stationary, start, argument)
     node = np.where(if_stationary, raan - sidereal, node)
-    eccentricity, perigee, raan_rate = (
-        np.array([getattr(slot, name) for slot in slots], dtype=float)
-        for name in ("eccentricity", "perigee_rad", "raan_rate_rad_s")
-    )
     node = node + raan_rate * (time - reference)
     distance = np.broadcast_to(radius, argument.shape)
     if (eccentricity > 0).any():
         eccentric = _eccentric_anomaly_rad(argument - perigee, eccentricity)
-        true = np.arctan2(
-            np.sqrt(1.0 - eccentricity**2) * np.sin(eccentric), np.cos(eccentric) - eccentricity
-        )  # fmt: skip
+        root = np.sqrt(1.0 - eccentricity**2)
+        true = np.arctan2(root * np.sin(eccentric), np.cos(eccentric) - eccentricity)
         argument = np.where(eccentricity > 0, perigee + true, argument)
         distance = distance * (1.0 - eccentricity * np.cos(eccentric))
     along, across = np.cos(argument), np.sin(argument)

@@ -6,9 +6,8 @@ padded with a mask to the largest satellite count), so that a day with changing 
 
 from __future__ import annotations
 
-import dataclasses
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from typing import Any
 
 import jax
@@ -23,8 +22,8 @@ EAST, NORTH, UP = 0, 1, 2
 POSITION_UNKNOWNS = 3
 
 
-def _static(**kwargs: Any) -> Any:
-    return field(metadata={"static": True}, **kwargs)
+def _static() -> Any:
+    return field(metadata={"static": True})
 
 
 @jax.tree_util.register_dataclass
@@ -228,7 +227,7 @@ class Geometry:
         if isinstance(index, slice):
             if len(range(*index.indices(len(self)))) == 0:
                 raise InputError(f"geometry: the slice {index.start}:{index.stop} holds no epoch of {len(self)}.")
-            return self._with_arrays({name: getattr(self, name)[index] for name in _ARRAYS})
+            return replace(self, **{name: getattr(self, name)[index] for name in _ARRAYS})
         if not isinstance(index, int | np.integer) or isinstance(index, bool):
             raise InputError(f"geometry: an epoch is chosen by a whole number or a slice, not {shown(index)}.")
         if not -len(self) <= index < len(self):
@@ -254,10 +253,8 @@ class Geometry:
         """The same geometry with an axis of epochs, of length one for a single epoch."""
         if self.is_series:
             return self
-        return self._with_arrays({name: np.asarray(getattr(self, name))[None] for name in _ARRAYS})
-
-    def _with_arrays(self, arrays: dict[str, Any]) -> Geometry:
-        return dataclasses.replace(self, **arrays)
+        arrays: dict[str, Any] = {name: np.asarray(getattr(self, name))[None] for name in _ARRAYS}
+        return replace(self, **arrays)
 
 
 _ARRAYS = ("design", "sigma_m", "in_view", "satellite", "epoch", "time_gps_s")
@@ -303,7 +300,4 @@ def _check_satellites(names: tuple[str, ...], systems: tuple[str, ...]) -> None:
 def _clock_letters(design: NDArray[np.float64], systems: tuple[str, ...]) -> tuple[str, ...]:
     """The systems that each clock column serves, read off its nonzero rows."""
     letters = np.array(systems)
-    return tuple(
-        "".join(dict.fromkeys(letters[design[:, column] != 0].tolist()))
-        for column in range(POSITION_UNKNOWNS, design.shape[1])
-    )
+    return tuple("".join(dict.fromkeys(letters[column != 0].tolist())) for column in design.T[POSITION_UNKNOWNS:])

@@ -126,8 +126,8 @@ def simulate(
         raise InputError(f"geometry: no satellite is above the mask of {mask_deg:g} deg at any epoch.")
 
     systems = tuple(name[0] for name in satellites.names)
-    clocks = _clocks(systems, in_view)
-    sigma_m = np.ones(in_view.shape)
+    seen = {systems[k] for k in np.flatnonzero(in_view.any(axis=0))}
+    clocks = tuple(letter for letter in SYSTEM_NAMES if letter in seen)
     at, satellite = np.nonzero(in_view)
     east, north, up = enu[at, satellite].T
     sky = Sky(
@@ -142,8 +142,8 @@ def simulate(
         raise InputError(
             f"error model {model.name!r}: one sigma per satellite is needed, shape {at.shape}, not {sigma.shape}."
         )
+    sigma_m = np.ones(in_view.shape)
     sigma_m[at, satellite] = sigma
-
     design = np.zeros((*in_view.shape, POSITION_UNKNOWNS + len(clocks)))
     design[..., :POSITION_UNKNOWNS] = -enu
     for column, letter in enumerate(clocks, start=POSITION_UNKNOWNS):
@@ -188,12 +188,6 @@ def _visibility(visible: ArrayLike, shape: tuple[int, ...]) -> NDArray[np.bool_]
             f"visible: True or False by epoch and satellite is needed, {shape}, not {mask.dtype} {mask.shape}."
         )
     return mask
-
-
-def _clocks(systems: Sequence[str], in_view: NDArray[np.bool_]) -> tuple[str, ...]:
-    """Letters of the systems that are in view at some epoch, in the order of the record."""
-    seen = {system for system, ever in zip(systems, np.any(in_view, axis=0).tolist(), strict=True) if ever}
-    return tuple(letter for letter in SYSTEM_NAMES if letter in seen)
 
 
 def _number(field: str, value: float) -> float:

@@ -74,12 +74,10 @@ def site_position_m(site: str | ArrayLike) -> NDArray[np.float64]:
         if "," not in site:
             raise InputError(f"site: {site!r} is unknown ({nearest(site, SITES)}; or X,Y,Z in metres).")
         try:
-            values: ArrayLike = [float(part) for part in site.split(",")]
+            site = [float(part) for part in site.split(",")]
         except ValueError:
             raise InputError(f"site: {site!r} cannot be read; a position is X,Y,Z in metres.") from None
-    else:
-        values = site
-    return checked_positions_m(values, field="site", shape=(3,))
+    return checked_positions_m(site, field="site", shape=(3,))
 
 
 def checked_positions_m(
@@ -118,10 +116,8 @@ def checked_positions_m(
             "coordinates in metres are needed, about 6 370 000 m from it."
         )
     height = geodetic(positions)[2]
-    for value, limit, side in (
-        (height.min(), LOWEST_HEIGHT_M, "below"),
-        (height.max(), HIGHEST_HEIGHT_M, "above"),
-    ):
-        if (value < limit) if side == "below" else (value > limit):
-            raise InputError(f"{field}: a height of {value:.0f} m is {side} the limit, {limit:.0f} m.")
+    if height.min() < LOWEST_HEIGHT_M:
+        raise InputError(f"{field}: a height of {height.min():.0f} m is below the limit, {LOWEST_HEIGHT_M:.0f} m.")
+    if height.max() > HIGHEST_HEIGHT_M:
+        raise InputError(f"{field}: a height of {height.max():.0f} m is above the limit, {HIGHEST_HEIGHT_M:.0f} m.")
     return positions

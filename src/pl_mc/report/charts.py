@@ -36,11 +36,8 @@ def charts_of(
     Raises:
         InputError: a table without a column that its chart names.
     """
-    made = [
-        chart_data(entry.name, entry.chart, tables[entry.name], val_m=val_m)
-        for entry in entries
-        if entry.chart is not None and entry.name in tables
-    ]
+    drawn = ((entry.name, entry.chart) for entry in entries if entry.name in tables)
+    made = (chart_data(name, chart, tables[name], val_m=val_m) for name, chart in drawn if chart is not None)
     return [chart for chart in made if chart is not None]
 
 
@@ -49,7 +46,9 @@ def chart_data(name: str, chart: Chart, table: pd.DataFrame, *, val_m: float) ->
 
     That is where the table has too many rows, most curves too few points, or nothing tells some of the rows apart.
     """
-    absent = [column for column in _columns(chart) if column not in table]
+    needed = [(each.value, each.low, each.high, each.count) for each in chart.quantities]
+    columns = [*chart.curves, *chart.menus, chart.x, *filter(None, itertools.chain(*needed))]
+    absent = [column for column in columns if column not in table]
     if absent:
         raise InputError(f"{name}: its chart needs columns that are not there: {', '.join(absent)}.")
     table = table[table[chart.x].notna()]
@@ -69,17 +68,15 @@ def chart_data(name: str, chart: Chart, table: pd.DataFrame, *, val_m: float) ->
     choices = [list(dict.fromkeys(table[menu].dropna().astype(str))) for menu in menus]
     fullest = table.groupby(menus, sort=False)[chart.x].nunique().idxmax() if menus else ()
     begin = fullest if isinstance(fullest, tuple) else (fullest,)
-    columns: list[Sequence[Any]] = [
+    cells: list[Sequence[Any]] = [
         [names.index(curve) for curve in curves],
         *([_place(value, values) for value in table[menu]] for menu, values in zip(menus, choices, strict=True)),
-        [_short(value) for value in table[chart.x]],
-        [_whole(value) for value in table["draws"]] if "draws" in table else [None] * len(table),
+        _shorts(table[chart.x]),
+        _wholes(table, "draws"),
     ]
     for quantity in quantities:
-        for column in (quantity.value, quantity.low, quantity.high):
-            columns.append([_short(value) for value in table[column]])
-        counts = table[quantity.count] if quantity.count else [None] * len(table)
-        columns.append([_whole(count) for count in counts])
+        bounds = (quantity.value, quantity.low, quantity.high)
+        cells += [*(_shorts(table[column]) for column in bounds), _wholes(table, quantity.count)]
     return {
         "id": name,
         "file": f"{name}.csv",
@@ -93,13 +90,8 @@ def chart_data(name: str, chart: Chart, table: pd.DataFrame, *, val_m: float) ->
         "quantities": [{"label": quantity.label, "rate": quantity.is_rate} for quantity in quantities],
         "limit": val_m,
         "log": chart.logarithmic,
-        "rows": [list(row) for row in zip(*columns, strict=True)],
+        "rows": [list(row) for row in zip(*cells, strict=True)],
     }
-
-
-def _columns(chart: Chart) -> list[str]:
-    quantities = [(one.value, one.low, one.high, *((one.count,) if one.count else ())) for one in chart.quantities]
-    return [*chart.curves, *chart.menus, chart.x, *itertools.chain(*quantities)]
 
 
 def _place(value: Any, values: Sequence[str]) -> int:
@@ -108,9 +100,12 @@ def _place(value: Any, values: Sequence[str]) -> int:
     return values.index(text) if text in values else -1
 
 
-def _short(value: float) -> float | None:
-    return None if value is None or not math.isfinite(value) else float(f"{value:.4g}")
+def _shorts(column: pd.Series) -> list[float | None]:
+    return [None if value is None or not math.isfinite(value) else float(f"{value:.4g}") for value in column]
 
 
-def _whole(value: Any) -> int | None:
-    return None if value is None or pd.isna(value) else int(value)
+def _wholes(table: pd.DataFrame, column: str | None) -> list[int | None]:
+    """Counts of a column; nothing where the table has none."""
+    if column not in table:
+        return [None] * len(table)
+    return [None if pd.isna(value) else int(value) for value in table[column]]

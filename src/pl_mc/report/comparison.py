@@ -18,7 +18,7 @@ from scipy import special
 from pl_mc.engine.events import EVENTS
 from pl_mc.input_errors import InputError
 from pl_mc.report.document import Block, Bullets, Paragraph, TextTable
-from pl_mc.report.markdown import to_markdown
+from pl_mc.report.files import to_markdown
 from pl_mc.report.run_folder import RunFolder, changed_fields
 from pl_mc.report.text import percent
 from pl_mc.statistics.intervals import difference_bounds
@@ -82,21 +82,15 @@ class Comparison:
             largest = self.rates[self.rates.differs]
             largest = largest.loc[largest.difference.abs().sort_values(ascending=False, kind="stable").index]
             rows = [
-                [
-                    row_name(row),
-                    row["event"],
-                    f"{percent(row['first_rate'])} %",
-                    f"{percent(row['second_rate'])} %",
-                    difference_text(row),
-                ]
+                (row_name(row), row["event"], f"{percent(row['first_rate'])} %", f"{percent(row['second_rate'])} %",
+                 difference_text(row))
                 for row in largest.head(_SHOWN).to_dict("records")
-            ]
-            blocks += [
-                Paragraph(
-                    f"The largest of them, in points of per cent (all: {len(self.rates):,} rows of compare.csv):"
-                ),
-                TextTable.of(["row", "event", first, second, "difference"], rows),
             ]  # fmt: skip
+            all_rows = f"all: {len(self.rates):,} rows of compare.csv"
+            blocks += [
+                Paragraph(f"The largest of them, in points of per cent ({all_rows}):"),
+                TextTable.of(["row", "event", first, second, "difference"], rows),
+            ]
         return to_markdown(f"{second} against {first}", [*blocks, Bullets(self.notes)]).rstrip()
 
 
@@ -114,19 +108,14 @@ def compare_runs(first: RunFolder, second: RunFolder) -> Comparison:
     names = _names(first, second)
     same = _same_noise(first, second)
     notes: list[str] = []
-    parts = [
-        _rates(name, table, second.tables[name], notes)
-        for name, table in first.tables.items()
-        if name in second.tables
-    ]
+    both = [name for name in first.tables if name in second.tables]
+    parts = [_rates(name, first.tables[name], second.tables[name], notes) for name in both]
     counted = [part for part in parts if part is not None]
     rates = pd.concat(counted, ignore_index=True) if counted else pd.DataFrame()
     if same and len(rates):
-        by_epoch = _by_epoch(first.folder, second.folder)
-        paired = 0
-        if by_epoch is not None:
-            rates, paired = _with_paired_bounds(rates, by_epoch)
-        notes.append(_noise_note(paired, len(rates)))
+        if (by_epoch := _by_epoch(first.folder, second.folder)) is not None:
+            rates = _with_paired_bounds(rates, by_epoch)
+        notes.append(_noise_note(int((rates["interval"] == PAIRED).sum()), len(rates)))
     elif len(rates):
         notes.append(
             "The noise of the two runs is not the same draw for draw; intervals are those of the difference of two "
@@ -191,9 +180,7 @@ def _rates(name: str, first: pd.DataFrame, second: pd.DataFrame, notes: list[str
     total = next((column for column in _TOTALS if column in first and column in second), None)
     counts = [column for column in _COUNTS if column in first and column in second]
     keys = [key for key in _KEYS if key in first and key in second]
-    if total is None or not counts or not keys:
-        return None
-    if "detections" in counts and "test" not in keys:
+    if total is None or not counts or not keys or ("detections" in counts and "test" not in keys):
         return None
     second = _renamed(first, second, notes)
     if first.duplicated(keys).any() or second.duplicated(keys).any():
@@ -208,32 +195,26 @@ def _rates(name: str, first: pd.DataFrame, second: pd.DataFrame, notes: list[str
         return None
     parts = []
     for count in counts:
-        sides = []
-        for side in ("first", "second"):
-            events, draws = both[f"{count} {side}"].astype(float), both[f"{total} {side}"].astype(float)
-            sides.append((events, draws, *_effective(both, events, draws, side)))
-        (old, old_draws, old_events, old_total), (new, new_draws, new_events, new_total) = sides
-        low, high = difference_bounds(old_events, old_total, new_events, new_total, CONFIDENCE)
         part = both[keys].copy()
         part.insert(0, "table", name)
         if "event" not in part:
             part["event"] = _COUNTS[count]
-        part = part.assign(
-            first_count=old.round().astype(int), first_draws=old_draws.astype(int), first_rate=old / old_draws,
-            second_count=new.round().astype(int), second_draws=new_draws.astype(int), second_rate=new / new_draws,
-        )  # fmt: skip
+        independent = []
+        for side in ("first", "second"):
+            events, draws = both[f"{count} {side}"].astype(float), both[f"{total} {side}"].astype(float)
+            rate = events / draws
+            part[f"{side}_count"], part[f"{side}_draws"] = events.round().astype(int), draws.astype(int)
+            part[f"{side}_rate"] = rate
+            # Faults that shared their noise count each draw once.
+            if f"independent_draws {side}" in both:
+                draws = both[f"independent_draws {side}"].astype(float)
+                events = rate * draws
+            independent.append((events, draws))
+        (old, old_draws), (new, new_draws) = independent
+        low, high = difference_bounds(old, old_draws, new, new_draws, CONFIDENCE)
         part["difference"] = part.second_rate - part.first_rate
         parts.append(part.assign(low=low, high=high, interval=NEWCOMBE))
     return pd.concat(parts, ignore_index=True)
-
-
-def _effective(both: pd.DataFrame, events: pd.Series, draws: pd.Series, side: str) -> tuple[pd.Series, pd.Series]:
-    """Counts of independent draws: faults that shared their noise count each draw once."""
-    column = f"independent_draws {side}"
-    if column not in both:
-        return events, draws
-    independent = both[column].astype(float)
-    return events / draws * independent, independent
 
 
 def _renamed(first: pd.DataFrame, second: pd.DataFrame, notes: list[str]) -> pd.DataFrame:
@@ -249,10 +230,8 @@ def _renamed(first: pd.DataFrame, second: pd.DataFrame, notes: list[str]) -> pd.
         if partner is not None:
             left.remove(partner)
             pairs[name] = partner
-    for name, partner in pairs.items():
-        note = f"{name} of the second run stands beside {partner} of the first."
-        if note not in notes:
-            notes.append(note)
+            note = f"{name} of the second run stands beside {partner} of the first."
+            notes += [note] if note not in notes else []
     return second.assign(method=second["method"].replace(pairs))
 
 
@@ -272,10 +251,8 @@ def _by_epoch(first: Path, second: Path) -> tuple[pd.DataFrame, pd.DataFrame] | 
     return tables[0], tables[1]
 
 
-def _with_paired_bounds(
-    rates: pd.DataFrame, by_epoch: tuple[pd.DataFrame, pd.DataFrame]
-) -> tuple[pd.DataFrame, int]:
-    """Rates with the bounds of the mean difference of the epochs, where there are enough of them; and how many.
+def _with_paired_bounds(rates: pd.DataFrame, by_epoch: tuple[pd.DataFrame, pd.DataFrame]) -> pd.DataFrame:
+    """Rates with the bounds of the mean difference of the epochs, where there are enough of them.
 
     The differences of epochs are independent, since epochs have noise of their own, but their means differ; their
     scatter is therefore no smaller than that of the mean, and the bounds are wide enough.
@@ -283,25 +260,23 @@ def _with_paired_bounds(
     first, second = by_epoch
     second = _renamed(first, second, [])
     both = first.merge(second, on=["epoch", "method", "fault"], suffixes=(" first", " second"))
-    done = 0
-    low, high, how = rates["low"].to_numpy(copy=True), rates["high"].to_numpy(copy=True), rates["interval"].tolist()
+    bounds: dict[int, tuple[float, float, str]] = {}
     count_of = {event.name: event.count for event in EVENTS}
     groups = dict(list(both.groupby(["method", "fault"], sort=False)))
     for k, row in enumerate(rates.to_dict("records")):
         group, count = groups.get((row.get("method"), row.get("fault"))), count_of.get(row["event"])
         if row["table"] != "rates" or group is None or count is None or len(group) < FEWEST_EPOCHS:
             continue
-        difference = (
-            group[f"{count} second"] / group["draws second"] - group[f"{count} first"] / group["draws first"]
-        )
+        old, new = (group[f"{count} {side}"] / group[f"draws {side}"] for side in ("first", "second"))
+        difference = new - old
         scatter = float(difference.std(ddof=1))
         # Epochs that all agree say nothing about how rarely they would not.
         if not scatter > 0 or not np.isclose(difference.mean(), row["difference"], atol=1e-12):
             continue
         half = float(special.stdtrit(len(group) - 1, 0.5 + CONFIDENCE / 2)) * scatter / np.sqrt(len(group))
-        low[k], high[k], how[k] = row["difference"] - half, row["difference"] + half, PAIRED
-        done += 1
-    return rates.assign(low=low, high=high, interval=how), done
+        bounds[k] = row["difference"] - half, row["difference"] + half, PAIRED
+    found = pd.DataFrame.from_dict(bounds, orient="index", columns=["low", "high", "interval"])
+    return rates.assign(**{column: found[column].reindex(rates.index).fillna(rates[column]) for column in found})
 
 
 def _noise_note(paired: int, number: int) -> str:

@@ -58,6 +58,8 @@ class TextTable:
 
 
 Block = Annotated[Heading | Paragraph | Bullets | TextTable, Field(discriminator="form")]
+# What a study writes of a summary; plain text is a paragraph.
+Summary = tuple[Block | str, ...]
 
 
 @dataclass(frozen=True)

@@ -6,13 +6,14 @@ import functools
 from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any, ParamSpec
+from typing import Any, Literal, ParamSpec
 
 import matplotlib as mpl
 import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
+from matplotlib.lines import Line2D
 from numpy.typing import ArrayLike, NDArray
 
 _LOOK: Any = {
@@ -39,6 +40,11 @@ class SeriesStyle:
     line: str
     marker: str
 
+    @property
+    def look(self) -> dict[str, Any]:
+        """The options of a line in this style."""
+        return {"color": self.colour, "linestyle": self.line, "marker": self.marker}
+
 
 # Okabe and Ito's colours, ordered so that neighbours differ in lightness too.
 _STYLES = (
@@ -52,6 +58,9 @@ _STYLES = (
 
 # Lines at values to compare with, thinner than any limit.
 DOTTED: Any = {"color": "0.15", "linewidth": 1.0, "linestyle": ":", "zorder": 1.5}
+
+# The line at a limit.
+DASHED: Any = {"color": "0.15", "linewidth": 1.2, "linestyle": (0, (6, 2)), "zorder": 1.5}
 
 _LABELS = {"ls": "least squares (VPL)", "igg3": "IGG-III (VPL_R)"}
 
@@ -70,14 +79,20 @@ def in_common_look(make: Callable[_Arguments, Figure]) -> Callable[_Arguments, F
     return wrapped
 
 
-def series_style(index: int) -> SeriesStyle:
-    """The style of the method in that place of a list."""
-    return _STYLES[index % len(_STYLES)]
+def series_style(index: int, further: Sequence[SeriesStyle] = ()) -> SeriesStyle:
+    """The style of the method in that place of a list; ``further`` styles come behind the six common ones."""
+    styles = (*_STYLES, *further)
+    return styles[index % len(styles)]
 
 
 def method_label(name: str) -> str:
     """A method's name in a legend."""
     return _LABELS.get(name, name)
+
+
+def short_label(name: str) -> str:
+    """A method's name in a legend, without that of its level."""
+    return method_label(name).split(" (")[0]
 
 
 def new_figure(
@@ -103,21 +118,27 @@ def note(axes: Axes, text: str, at: tuple[Any, Any], *, shift: tuple[float, floa
     axes.annotate(text, at, xytext=shift, textcoords="offset points", **{"fontsize": 8, **options})
 
 
-def legend_below(figure: Figure, panels: Iterable[Axes], *, columns: int) -> None:
+def legend_key(label: str, **look: Any) -> Line2D:
+    """An entry of a legend that no drawn line has."""
+    return Line2D([], [], label=label, **look)
+
+
+def legend_below(
+    figure: Figure, panels: Iterable[Axes], *, columns: int, side: Literal["left", "center"] = "left"
+) -> None:
     """One legend below all panels, each name once."""
     handles = {
         label: handle for panel in panels for handle, label in zip(*panel.get_legend_handles_labels(), strict=True)
     }
-    figure.legend(list(handles.values()), list(handles), loc="outside lower left", ncols=columns)
+    place: Any = f"outside lower {side}"
+    figure.legend(list(handles.values()), list(handles), loc=place, ncols=columns)
 
 
-def limit_line(axes: Axes, value: float, label: str) -> None:
-    """A horizontal line at a limit, named where it is drawn."""
-    axes.axhline(value, color="0.15", linewidth=1.2, linestyle=(0, (6, 2)), zorder=1.5)
-    axes.annotate(
-        label, xy=(0.995, value), xycoords=("axes fraction", "data"), xytext=(0, 2), textcoords="offset points",
-        ha="right", va="bottom", fontsize=8.5, color="0.15",
-    )  # fmt: skip
+def limit_line(axes: Axes, value: float, label: str, *, width: float = 1.2, **options: Any) -> None:
+    """A horizontal line at a limit, named where it is drawn; options are those of the name."""
+    axes.axhline(value, **DASHED | {"linewidth": width})
+    look: Any = {"shift": (0, 2), "ha": "right", "va": "bottom", "fontsize": 8.5, "color": "0.15"}
+    note(axes, label, (0.995, value), xycoords=("axes fraction", "data"), **look | options)
 
 
 def shade(axes: Axes, windows: Sequence[tuple[float, float]], label: str | None = None) -> None:

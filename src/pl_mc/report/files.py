@@ -1,19 +1,36 @@
-"""Findings as files: tables in CSV and Parquet, pictures in PNG and SVG, stored rows, the summary, the document."""
+"""Findings as files: tables in CSV and Parquet, pictures in PNG and SVG, stored rows, the summary, the document.
+
+The summary is Markdown; it is read back where a version stored nothing else.
+"""
 
 from __future__ import annotations
 
+import itertools
 import re
 import shutil
+from collections.abc import Iterable, Sequence
 from pathlib import Path
 
 import pandas as pd
+from markdown_it import MarkdownIt
+from markdown_it.tree import SyntaxTreeNode
 from matplotlib.text import Text
 
-from pl_mc.report.document import Document, FigureEntry, TableEntry, write_document
+from pl_mc.report.document import (
+    Block,
+    Bullets,
+    Document,
+    FigureEntry,
+    Heading,
+    Paragraph,
+    TableEntry,
+    TextTable,
+    write_document,
+)  # fmt: skip
 from pl_mc.report.figures import save_figure
 from pl_mc.report.findings import Findings, Picture
-from pl_mc.report.markdown import to_markdown
 from pl_mc.report.run_folder import SUMMARY
+from pl_mc.report.text import markdown_table
 
 # What is only a number says nothing about a picture; powers of ten on an axis are set as mathematics.
 _NUMBER = re.compile(r"(?:[\s\d.,:%+\-−–eE^{}$×]|\\mathdefault|\\times)*")
@@ -42,16 +59,11 @@ def write_findings(
     for name, text in findings.texts.items():
         (folder / name).write_text(text, encoding="utf-8")
     document = Document(
-        title=title,
-        kind=kind,
-        question=question,
-        answer=answer,
-        notes=findings.notes,
-        val_m=val_m,
-        summary=findings.summary,
+        title=title, kind=kind, question=question, answer=answer, notes=findings.notes, val_m=val_m,
+        summary=tuple(Paragraph(block) if isinstance(block, str) else block for block in findings.summary),
         tables=tuple(TableEntry(table.name, table.chart) for table in findings.tables if table.stored != "parquet"),
         figures=tuple(_entry(picture, title) for picture in findings.pictures),
-    )
+    )  # fmt: skip
     (folder / SUMMARY).write_text(to_markdown(title, document.summary, document.notes), encoding="utf-8")
     write_document(document, folder)
     return document
@@ -73,3 +85,56 @@ def _entry(picture: Picture, title: str) -> FigureEntry:
     more = f"; and {len(drawn) - _MOST_WORDS} more" if len(drawn) > _MOST_WORDS else ""
     content = f"Drawn in it: {'; '.join(drawn[:_MOST_WORDS])}{more}." if drawn else f"{title}."
     return FigureEntry(picture.name, picture.caption, f"{picture.caption} {content}")
+
+
+def to_markdown(title: str, blocks: Iterable[Block], notes: Sequence[str] = ()) -> str:
+    """A summary: its title, the blocks, and the notes as a list."""
+    parts = [f"# {title}", *map(_block, blocks)]
+    if notes:
+        parts += ["Notes:", _bullets(notes)]
+    return "\n\n".join(parts) + "\n"
+
+
+def from_markdown(text: str) -> tuple[Block, ...]:
+    """The blocks of a summary, without its title and notes."""
+    parser = MarkdownIt("commonmark", {"html": False}).enable("table")
+    blocks = map(_of_node, SyntaxTreeNode(parser.parse(text)).children)
+    shown = itertools.takewhile(lambda block: block != Paragraph("Notes:"), blocks)
+    return tuple(block for block in shown if block is not None)
+
+
+def _block(block: Block) -> str:
+    if isinstance(block, Heading):
+        return f"{'#' * block.level} {block.text}"
+    if isinstance(block, Bullets):
+        return _bullets(block.items)
+    if isinstance(block, TextTable):
+        return markdown_table(block.header, block.rows)
+    return block.text
+
+
+def _bullets(items: Iterable[str | Bullets], indent: str = "") -> str:
+    return "\n".join(
+        f"{indent}- {item}" if isinstance(item, str) else _bullets(item.items, f"{indent}  ") for item in items
+    )
+
+
+def _of_node(node: SyntaxTreeNode) -> Block | None:
+    if node.type == "heading":
+        return Heading(_text(node), level=int(node.tag[1:])) if node.tag != "h1" else None
+    if node.type == "bullet_list":
+        return _list(node)
+    if node.type == "table":
+        header, *bodies = node.children
+        rows = tuple(tuple(_text(cell) for cell in row.children) for body in bodies for row in body.children)
+        return TextTable(tuple(_text(cell) for cell in header.children[0].children), rows)
+    return Paragraph(_text(node))
+
+
+def _list(node: SyntaxTreeNode) -> Bullets:
+    parts = [part for item in node.children for part in item.children]
+    return Bullets(tuple(_list(part) if part.type == "bullet_list" else _text(part) for part in parts))
+
+
+def _text(node: SyntaxTreeNode) -> str:
+    return " ".join(child.content for child in node.children if child.type == "inline") or node.content

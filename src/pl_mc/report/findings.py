@@ -6,16 +6,20 @@ What is charted, and what stands below a picture, is said here by the study and 
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+import functools
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Literal
+from typing import Literal, ParamSpec
 
 import pandas as pd
 from matplotlib.figure import Figure
 
 from pl_mc.engine.events import EVENTS
-from pl_mc.report.document import Block, Chart, Quantity
+from pl_mc.report.document import Chart, Quantity, Summary
+from pl_mc.report.figures import in_common_look
+
+_Arguments = ParamSpec("_Arguments")
 
 # The events that most readers look for first, in this order.
 FIRST_EVENTS = ("alarm", "misleading", "missed", "exceeded")
@@ -54,12 +58,25 @@ class Picture:
     caption: str
 
 
+def picture(name: str, caption: str) -> Callable[[Callable[_Arguments, Figure]], Callable[_Arguments, Picture]]:
+    """Decorator of a function that draws: its figure in the common look, with a name and a caption."""
+
+    def named(draw: Callable[_Arguments, Figure]) -> Callable[_Arguments, Picture]:
+        @functools.wraps(draw)
+        def wrapped(*args: _Arguments.args, **kwargs: _Arguments.kwargs) -> Picture:
+            return Picture(name, in_common_look(draw)(*args, **kwargs), caption)
+
+        return wrapped
+
+    return named
+
+
 @dataclass(frozen=True)
 class Findings:
     """All that a run of a study found.
 
     Attributes:
-        summary: blocks of the summary below its title, see `pl_mc.report.document`.
+        summary: blocks of the summary below its title, see `pl_mc.report.document`; plain text is a paragraph.
         tables: in the order in which the page shows them.
         pictures: likewise.
         notes: sentences about what was left out or chosen.
@@ -67,7 +84,7 @@ class Findings:
         texts: further files of text, by their name with ending.
     """
 
-    summary: tuple[Block, ...]
+    summary: Summary
     tables: tuple[Table, ...]
     pictures: tuple[Picture, ...] = ()
     notes: tuple[str, ...] = ()
@@ -82,20 +99,16 @@ class Findings:
 
 def event_quantities() -> tuple[Quantity, ...]:
     """The rates of all events of a sweep's table, with bounds and counts, `FIRST_EVENTS` first."""
-    order = [*FIRST_EVENTS, *(event.name for event in EVENTS if event.name not in FIRST_EVENTS)]
     count = {event.name: event.count for event in EVENTS}
     return tuple(
         Quantity(name.replace("_", " "), f"{name}_rate", f"{name}_low", f"{name}_high", count[name])
-        for name in order
+        for name in dict.fromkeys([*FIRST_EVENTS, *count])
     )
 
 
 def level_quantities() -> tuple[Quantity, ...]:
     """Medians and 5-95 % ranges of protection levels, see `pl_mc.studies.sweep.views.level_table`."""
     return tuple(
-        Quantity(
-            f"{level.upper()}, median and 5-95 % [m]", f"{level}_50_m", f"{level}_05_m", f"{level}_95_m",
-            is_rate=False,
-        )
-        for level in ("vpl", "hpl")
-    )  # fmt: skip
+        Quantity(f"{pl.upper()}, median and 5-95 % [m]", f"{pl}_50_m", f"{pl}_05_m", f"{pl}_95_m", is_rate=False)
+        for pl in ("vpl", "hpl")
+    )

@@ -6,23 +6,27 @@ again. Nothing here knows a kind of experiment.
 
 from __future__ import annotations
 
+import base64
+import io
+import math
 import re
 from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
 from importlib import metadata, resources
 from pathlib import Path
 from typing import Any
 
 import jinja2
+import pandas as pd
 from jinja2.utils import htmlsafe_json_dumps
 from markdown_it import MarkdownIt
 from markupsafe import Markup
+from PIL import Image
 
-from pl_mc.input_errors import InputError
+from pl_mc.input_errors import InputError, system_reason
 from pl_mc.report.charts import charts_of
-from pl_mc.report.document import Block, Heading, Paragraph
-from pl_mc.report.page_figures import page_figures
-from pl_mc.report.page_tables import fields_table, page_tables
-from pl_mc.report.run_folder import RunFolder
+from pl_mc.report.document import Block, FigureEntry, Heading, Paragraph
+from pl_mc.report.run_folder import RunFolder, flat_fields, value_text
 
 PAGE = "report.html"
 
@@ -31,8 +35,60 @@ MOST_BYTES = 2_000_000
 _LEAST_FOR_FIGURES = 300_000
 _MOST_CHART_BYTES = 500_000
 
+# Rows of a table on a page, and cells of all of them; the files beside the page hold the rest.
+MOST_ROWS = 400
+MOST_CELLS = 30_000
+_OPEN_ROWS = 14
+
+# Files of a figure by their ending, and what they are.
+_PICTURES = {".png": "image/png", ".svg": "image/svg+xml"}
+
 # What texts of a document may mark: code, and words that are strong. All else in them is text.
 _INLINE = MarkdownIt("zero", {"html": False}).enable(["backticks", "emphasis"])
+
+
+@dataclass(frozen=True)
+class PageColumn:
+    """Heading of a column, whether it sorts by number, and its cells' style."""
+
+    label: str
+    number: bool = False
+
+    @property
+    def css(self) -> str:
+        """Style of its cells."""
+        return "number" if self.number else "wide" if self.label in ("meaning", "value") else ""
+
+
+@dataclass(frozen=True)
+class PageTable:
+    """A table of a page, all of it text."""
+
+    title: str
+    columns: tuple[PageColumn, ...]
+    rows: tuple[tuple[str, ...], ...]
+    note: str = ""
+    file: str = ""
+    open: bool = False
+
+
+@dataclass(frozen=True)
+class PageFigure:
+    """A figure of a page.
+
+    Attributes:
+        caption: what stands below it.
+        alt: what stands in its place where it cannot be seen.
+        files: its files beside the page.
+        data: the picture as a data address; empty where there is no room for it.
+        size: width and height on the screen [CSS pixels], unless unknown.
+    """
+
+    caption: str
+    alt: str
+    files: tuple[str, ...]
+    data: str
+    size: tuple[int, int] | None
 
 
 def write_page(run: RunFolder, *, meanings: Mapping[str, str], shown_as: Path | None = None) -> None:
@@ -50,9 +106,7 @@ def write_page(run: RunFolder, *, meanings: Mapping[str, str], shown_as: Path | 
     try:
         path.write_text(page_of_run(run, meanings=meanings, shown_as=shown_as or run.folder), encoding="utf-8")
     except OSError as error:
-        raise InputError(
-            f"{path}: the page cannot be written ({(error.strerror or str(error)).lower()})."
-        ) from None
+        raise InputError(f"{path}: the page cannot be written ({system_reason(error)}).") from None
 
 
 def page_of_run(run: RunFolder, *, meanings: Mapping[str, str], shown_as: Path) -> str:
@@ -103,10 +157,78 @@ def render(template: str, content: Mapping[str, Any]) -> str:
 def charts_within_limit(charts: Sequence[dict[str, Any]]) -> list[dict[str, Any]]:
     """The first of the charts that a page has room for."""
     kept: list[dict[str, Any]] = []
+    left = _MOST_CHART_BYTES
     for chart in charts:
-        if sum(map(_weight, kept)) + _weight(chart) <= _MOST_CHART_BYTES:
+        if (weight := len(json_in_page(chart))) <= left:
             kept.append(chart)
+            left -= weight
     return kept
+
+
+def page_tables(tables: Mapping[str, pd.DataFrame]) -> list[PageTable]:
+    """The tables of a run, the first rows of those that are long."""
+    made, cells = [], MOST_CELLS
+    for name, table in tables.items():
+        width = max(1, len(table.columns))
+        rows = min(len(table), MOST_ROWS, max(20, cells // width))
+        cells -= rows * width
+        made.append(page_table(table, name=name, rows=rows))
+    return made
+
+
+def page_table(table: pd.DataFrame, *, name: str, rows: int = MOST_ROWS) -> PageTable:
+    """One table, stored beside the page as ``name.csv``."""
+    numbers = table.select_dtypes("number").columns
+    return PageTable(
+        title=f"{name}: {len(table):,} rows",
+        columns=tuple(PageColumn(str(label), label in numbers) for label in table.columns),
+        rows=tuple(tuple(map(_cell, row)) for row in table.head(rows).itertuples(index=False)),
+        note=f"The first {rows:,} of {len(table):,} rows; all of them:" if rows < len(table) else "All rows:",
+        file=f"{name}.csv",
+        open=len(table) <= _OPEN_ROWS,
+    )
+
+
+def text_table(title: str, labels: Sequence[str], rows: Sequence[Sequence[object]]) -> PageTable:
+    """An open table of whatever can be said as text, which has no file of its own."""
+    texts = tuple(tuple(map(str, row)) for row in rows)
+    return PageTable(title, tuple(map(PageColumn, labels)), texts, open=True)
+
+
+def fields_table(experiment: Mapping[str, Any], meanings: Mapping[str, str]) -> PageTable:
+    """The fields of an experiment with their values and, where known, meanings."""
+    fields = flat_fields(experiment)
+    rows = [(path, value_text(value), meanings.get(path, "")) for path, value in fields.items()]
+    known = ("field", "value", "meaning") if any(row[2] for row in rows) else ("field", "value")
+    return text_table("fields of the experiment", known, [row[: len(known)] for row in rows])
+
+
+def page_figures(folder: Path, entries: Sequence[FigureEntry], *, most_bytes: int) -> list[PageFigure]:
+    """The figures, all of them together within ``most_bytes`` characters of data.
+
+    Where they are heavier, pictures get fewer colours, then half the size; what still finds no room is named alone.
+    What has been taken out of the folder is left out.
+    """
+    files = {
+        entry: paths
+        for entry in entries
+        if (paths := [path for end in _PICTURES if (path := folder / f"{entry.name}{end}").is_file()])
+    }
+    pictures = {
+        entry: min((_address(path.read_bytes(), _PICTURES[path.suffix]) for path in paths), key=len)
+        for entry, paths in files.items()
+    }
+    for scale in (1, 2):
+        if sum(map(len, pictures.values())) <= most_bytes:
+            break
+        pictures = {entry: _redrawn(files[entry][0], address, scale) for entry, address in pictures.items()}
+    made, left = [], most_bytes
+    for entry, address in pictures.items():
+        data = address if len(address) <= left else ""
+        left -= len(data)
+        names = tuple(path.name for path in files[entry])
+        made.append(PageFigure(entry.caption, entry.alt, names, data, _size(files[entry][0])))
+    return made
 
 
 def _asset(name: str) -> str:
@@ -116,10 +238,6 @@ def _asset(name: str) -> str:
 def json_in_page(content: Any) -> Markup:
     """JSON that can stand inside a page: nothing in it closes the element."""
     return htmlsafe_json_dumps(content, separators=(",", ":"), ensure_ascii=False, allow_nan=False)
-
-
-def _weight(chart: Mapping[str, Any]) -> int:
-    return len(json_in_page(chart))
 
 
 def _inline(text: str) -> Markup:
@@ -145,3 +263,35 @@ def _duration(seconds: Any) -> str:
     if not isinstance(seconds, int | float):
         return "an unknown time"
     return f"{seconds:.1f} s" if seconds < 120 else f"{seconds / 60:.1f} min"
+
+
+def _cell(value: Any) -> str:
+    """A value with six digits; nothing for nothing."""
+    if value is None or (isinstance(value, float) and math.isnan(value)):
+        return ""
+    return f"{value:.6g}" if isinstance(value, float) else str(value)
+
+
+def _address(data: bytes, kind: str) -> str:
+    return f"data:{kind};base64,{base64.b64encode(data).decode()}"
+
+
+def _redrawn(path: Path, address: str, scale: int) -> str:
+    """The picture with 64 colours and its sides divided by ``scale``, if that is lighter; an SVG stays as it is."""
+    if path.suffix != ".png":
+        return address
+    with Image.open(path) as image:
+        plain = image.convert("RGB")
+        if scale > 1:
+            plain = plain.resize((plain.width // scale, plain.height // scale), Image.Resampling.LANCZOS)
+        out = io.BytesIO()
+        plain.quantize(64, dither=Image.Dither.NONE).save(out, "PNG", optimize=True)
+    return min(address, _address(out.getvalue(), _PICTURES[".png"]), key=len)
+
+
+def _size(path: Path) -> tuple[int, int] | None:
+    """Size on the screen of a picture of 150 dots an inch."""
+    if path.suffix != ".png":
+        return None
+    with Image.open(path) as image:
+        return round(image.width * 96 / 150), round(image.height * 96 / 150)

@@ -75,9 +75,8 @@ def read_run_folder(folder: Path) -> RunFolder:
         raise InputError(f"{folder}: it holds no finished run ({MANIFEST} is not there).") from None
     except (ValueError, KeyError, TypeError):
         raise InputError(f"{path}: it is no manifest of a run.") from None
-    summary = folder / SUMMARY
     try:
-        text = summary.read_text(encoding="utf-8") if summary.is_file() else ""
+        text = (folder / SUMMARY).read_text(encoding="utf-8") if (folder / SUMMARY).is_file() else ""
         tables = {file.stem: _table(file) for file in sorted(folder.glob("*.csv"))}
     except (OSError, UnicodeDecodeError) as error:
         raise InputError(f"{folder}: its files cannot be read ({error}).") from None
@@ -114,12 +113,9 @@ def flat_fields(content: Any, prefix: str = "") -> dict[str, Any]:
 def changed_fields(before: Any, now: Any) -> list[tuple[str, str, str]]:
     """Leaves that differ: path, value before, value now, as text; ``nothing`` where a leaf is not there."""
     old, new = flat_fields(before), flat_fields(now)
-
-    def text(fields: Mapping[str, Any], path: str) -> str:
-        return value_text(fields[path]) if path in fields else "nothing"
-
+    before_text, now_text = ({path: value_text(value) for path, value in fields.items()} for fields in (old, new))
     return [
-        (path, text(old, path), text(new, path))
+        (path, before_text.get(path, "nothing"), now_text.get(path, "nothing"))
         for path in old | new
         if (path in old) != (path in new) or old.get(path) != new.get(path)
     ]

@@ -3,8 +3,8 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterable, Sequence
-from typing import Any
+from collections.abc import Callable, Iterable, Sequence
+from typing import Any, TypeVar
 
 import numpy as np
 import pandas as pd
@@ -20,6 +20,9 @@ EVENT_MEANS = {
     "misleading": "Misleading information (vertical error beyond the protection level, no alarm)",
     "missed": "Missed detections (vertical error beyond the alert limit of {val:g} m, no alarm)",
 }
+
+Key = TypeVar("Key")
+Value = TypeVar("Value")
 
 
 def rate_text(count: int, total: int, low: float, high: float) -> str:
@@ -51,6 +54,11 @@ def share_text(seen: ArrayLike) -> str:
 def share_of(count: int, total: int) -> str:
     """``3 of 200 (1.5 % [0.3, 4.3])``, with 95 % Clopper-Pearson bounds."""
     return f"{count} of {total:,} ({counted_rate(count, total)})" if total else "0 of 0"
+
+
+def row_rate(row: Any, count: str, total: str, bounds: str = "") -> str:
+    """The rate that a row counted, by its columns, and its bounds, whose names begin with ``bounds``."""
+    return rate_text(int(row[count]), int(row[total]), row[f"{bounds}low"], row[f"{bounds}high"])
 
 
 def event_text(row: Any, event: str) -> str:
@@ -97,9 +105,22 @@ def listed(words: Sequence[str]) -> str:
     return words[0] if len(words) == 1 else f"{', '.join(words[:-1])} and {words[-1]}"
 
 
-def span(low: int, high: int) -> str:
+def grouped(pairs: Iterable[tuple[Key, Value]]) -> dict[Key, list[Value]]:
+    """The second parts of pairs by the first, all in order of appearance."""
+    groups: dict[Key, list[Value]] = {}
+    for key, value in pairs:
+        groups.setdefault(key, []).append(value)
+    return groups
+
+
+def by_method(rows: Iterable[Any], words: Callable[[Any], str]) -> str:
+    """``least squares (VPL) in 3 of 200; IGG-III (VPL_R) in 2 of 200``: words about rows that have a method."""
+    return "; ".join(f"{method_label(str(row.method))} {words(row)}" for row in rows)
+
+
+def span(low: int, high: int, between: str = "-") -> str:
     """``16-19``, or one number where both are the same."""
-    return f"{low}" if low == high else f"{low}-{high}"
+    return f"{low}" if low == high else f"{low}{between}{high}"
 
 
 def event_sentences(table: pd.DataFrame, alert: AlertLimits) -> tuple[str, ...]:
@@ -112,9 +133,8 @@ def event_sentences(table: pd.DataFrame, alert: AlertLimits) -> tuple[str, ...]:
     sentences = []
     for event, means in EVENT_MEANS.items():
         # Methods of which the same is to be said share one clause.
-        said: dict[str, list[str]] = {}
-        for name, group in table.groupby("method", sort=False):
-            said.setdefault(_most(group, event), []).append(method_label(str(name)))
+        by_name = table.groupby("method", sort=False)
+        said = grouped((_most(group, event), method_label(str(name))) for name, group in by_name)
         clauses = "; ".join(f"{listed(names)} {what}" for what, names in said.items())
         sentences.append(f"{means.format(val=alert.vertical_m)}: {clauses}.")
     return tuple(sentences)

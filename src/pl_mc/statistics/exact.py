@@ -27,13 +27,8 @@ FloatArray = NDArray[np.float64]
 
 PL_ALARM, CHI2_ALARM = "pl", "chi2"
 RATE_COLUMNS = (
-    "alarm_rate",
-    "hazard_rate",
-    "missed_rate",
-    "misleading_rate",
-    "exceeded_rate",
-    "false_alarm_rate",
-)
+    "alarm_rate", "hazard_rate", "missed_rate", "misleading_rate", "exceeded_rate", "false_alarm_rate",
+)  # fmt: skip
 
 
 def ls_rates(
@@ -114,14 +109,9 @@ def ls_rates(
 
 
 def error_and_alarm_rates(
-    *,
-    threshold: FloatArray,
-    dof: FloatArray,
-    noncentrality: FloatArray,
-    slope: FloatArray,
-    shift: FloatArray,
+    *, threshold: FloatArray, dof: FloatArray, noncentrality: FloatArray, slope: FloatArray, shift: FloatArray,
     limit: FloatArray,
-) -> FloatArray:
+) -> FloatArray:  # fmt: skip
     """The rates of `RATE_COLUMNS`, (6, pairs), with everything vertical in units of the error's standard deviation.
 
     Args:

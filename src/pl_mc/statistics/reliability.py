@@ -16,6 +16,7 @@ from pl_mc.geometry.record import Geometry
 from pl_mc.input_errors import InputError, require_number
 from pl_mc.kernels.linear_model import REDUNDANCY_FLOOR
 from pl_mc.statistics.least_squares import ls_quantities
+from pl_mc.statistics.student import require_probability
 
 FloatArray = NDArray[np.float64]
 
@@ -98,8 +99,8 @@ def noncentral_shift(p_fa: float = 1e-3, power: float = 0.8) -> float:
         InputError: a probability outside (0, 1), or a power that is not above ``p_fa``, which every mean has.
     """
     for name, value in (("p_fa", p_fa), ("power", power)):
-        if not 0.0 < require_number(value, field=name) < 1.0:
-            raise InputError(f"{name}: it lies between 0 and 1, both excluded, not {value!r}.")
+        require_number(value, field=name)
+        require_probability(name, value)
     if power <= p_fa:
         raise InputError(f"power: it lies above p_fa ({p_fa:g}), which a test has without any bias, not {power!r}.")
     limit = -special.ndtri(p_fa / 2.0)

@@ -44,16 +44,10 @@ class PlannedSweep:
     def run(self, experiment: Experiment, execution: Execution) -> pd.DataFrame:
         """The table, see `pl_mc.sweep`; parts are stored in a folder of the sweep's own."""
         return run_sweep(
-            self.g,
-            self.faults,
-            draws=self.draws,
-            seed=experiment.seed,
-            methods=self.methods_of(experiment),
-            alert=experiment.alert_limits(),
-            precision=experiment.precision,
-            noise=self.noise,
+            self.g, self.faults, draws=self.draws, seed=experiment.seed, methods=self.methods_of(experiment),
+            alert=experiment.alert_limits(), precision=experiment.precision, noise=self.noise,
             execution=execution.inside(self.name),
-        )
+        )  # fmt: skip
 
     def stored(self, execution: Execution) -> Path:
         """The folder with the rows of every epoch, of a sweep that has run; `pandas.read_parquet` reads it."""

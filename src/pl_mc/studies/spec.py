@@ -8,6 +8,7 @@ from pathlib import Path
 from typing import Annotated, Any, Literal
 
 import numpy as np
+from numpy.typing import NDArray
 from pydantic import BaseModel, ConfigDict, Discriminator, Field, Tag
 
 from pl_mc.alert import BY_NAME, AlertLimits
@@ -52,17 +53,10 @@ class SimulatedGeometry(Strict):
     def build(self) -> Geometry:
         """The series, or the one epoch asked for."""
         series = simulate(
-            site=self.site,
-            start=self.start,
-            epochs=self.epochs,
-            interval_s=self.interval_s,
-            mask_deg=self.mask_deg,
-            constellations=self.constellations,
-            without=self.without,
-            almanac=self.almanac,
-            sp3=self.sp3,
-            error_model=self.model(),
-        )
+            site=self.site, start=self.start, epochs=self.epochs, interval_s=self.interval_s,
+            mask_deg=self.mask_deg, constellations=self.constellations, without=self.without,
+            almanac=self.almanac, sp3=self.sp3, error_model=self.model(),
+        )  # fmt: skip
         return series if self.epoch is None else series[self.epoch]
 
     def one_epoch(self) -> Geometry:
@@ -96,16 +90,25 @@ class ReceiverFiles(Strict):
         return error_model(self.error_model, **self.error_options)
 
 
-class MethodChoice(Strict):
-    """A method by name; every further field is an option of that method."""
+class NamedChoice(Strict):
+    """Something by name; every further field is an option of it."""
 
     model_config = ConfigDict(extra="allow", frozen=True)
 
     name: str
 
+    @property
+    def options(self) -> dict[str, Any]:
+        """The further fields."""
+        return self.model_extra or {}
+
+
+class MethodChoice(NamedChoice):
+    """A method by name; every further field is an option of that method."""
+
     def build(self) -> Method:
         """The method's record."""
-        return method(self.name, **(self.model_extra or {}))
+        return method(self.name, **self.options)
 
 
 class Experiment(Strict):
@@ -201,21 +204,23 @@ AnyFaults = Annotated[
 ]
 
 
-class NoiseChoice(Strict):
+class NoiseChoice(NamedChoice):
     """A noise model by name; every further field is an option of that model."""
-
-    model_config = ConfigDict(extra="allow", frozen=True)
-
-    name: str
 
     def build(self) -> NoiseModel:
         """The model's record."""
-        return noise_model(self.name, **(self.model_extra or {}))
+        return noise_model(self.name, **self.options)
 
 
 def scaled_noise(g: Geometry, factor: float) -> Geometry:
     """The geometry with every sigma multiplied."""
     return g if factor == 1.0 else dataclasses.replace(g, sigma_m=g.sigma_m * factor)
+
+
+def epochs_at(g: Geometry, places: NDArray[np.int64]) -> Geometry:
+    """The epochs of these places in a series, which need not follow each other."""
+    by_epoch = ("design", "sigma_m", "in_view", "satellite", "epoch", "time_gps_s")
+    return dataclasses.replace(g, **{name: getattr(g, name)[places] for name in by_epoch})
 
 
 def median_redundancy_satellite(g: Geometry, *, system: str) -> str:

@@ -5,10 +5,7 @@ from pl_mc.studies.compare.text import answer
 from pl_mc.studies.study import Study
 
 STUDY = Study(
-    model=CompareExperiment,
+    model=CompareExperiment, run=run, answer=answer, sweeps=sweeps,
     question="How often does each method alarm, mislead or miss under one ramp, and which test detects best at "
     "one false-alarm rate?",
-    run=run,
-    answer=answer,
-    sweeps=sweeps,
-)
+)  # fmt: skip

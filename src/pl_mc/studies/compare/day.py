@@ -22,7 +22,7 @@ from pl_mc.input_errors import InputError
 from pl_mc.methods import Method, WTest
 from pl_mc.methods.w_test import LOCAL
 from pl_mc.statistics.least_squares import ls_quantities
-from pl_mc.studies.spec import RampFaults, Strict
+from pl_mc.studies.spec import RampFaults, Strict, epochs_at
 
 FloatArray = NDArray[np.float64]
 
@@ -72,18 +72,12 @@ class Place:
         """A row of a table: epochs, satellites, redundancy, VDOP (smallest to largest of a sample)."""
         quantities, series = ls_quantities(self.g), self.g.as_series()
         seen, redundant = series.in_view.sum(axis=1), np.atleast_1d(quantities.dof)
-        return {
-            "geometry": self.name,
-            "epochs": len(series),
-            "epoch": int(series.epoch[0]) if len(series) == 1 else -1,
-            "satellites_min": int(seen.min()),
-            "satellites_max": int(seen.max()),
-            "redundant_min": int(redundant.min()),
-            "redundant_max": int(redundant.max()),
-            "vdop_min_m": float(np.min(quantities.vdop_m)),
-            "vdop_max_m": float(np.max(quantities.vdop_m)),
-            "faulted": " ".join(dict.fromkeys(self.true_names)),
-        }
+        row: dict[str, object] = {"geometry": self.name, "epochs": len(series)}
+        row["epoch"] = int(series.epoch[0]) if len(series) == 1 else -1
+        ranges = {"satellites_{}": seen, "redundant_{}": redundant, "vdop_{}_m": np.asarray(quantities.vdop_m)}
+        for name, values in ranges.items():
+            row |= {name.format("min"): values.min().item(), name.format("max"): values.max().item()}
+        return row | {"faulted": " ".join(dict.fromkeys(self.true_names))}
 
 
 def further_geometries(series: Geometry, every: int) -> tuple[Place, ...]:
@@ -111,16 +105,9 @@ def further_geometries(series: Geometry, every: int) -> tuple[Place, ...]:
     satellite = series.satellite[sampled].copy()
     satellite[np.arange(len(sampled)), rows[sampled]] = len(series.names)
     day = dataclasses.replace(
-        series,
-        design=series.design[sampled],
-        sigma_m=series.sigma_m[sampled],
-        in_view=series.in_view[sampled],
-        satellite=satellite,
-        epoch=series.epoch[sampled],
-        time_gps_s=series.time_gps_s[sampled],
-        names=(*series.names, WORST),
+        epochs_at(series, sampled), satellite=satellite, names=(*series.names, WORST),
         systems=(*series.systems, series.systems[0]),
-    )
+    )  # fmt: skip
     return (*made, Place(DAY, day, WORST, tuple(names[k] for k in sampled)))
 
 

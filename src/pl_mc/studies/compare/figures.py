@@ -15,7 +15,8 @@ from matplotlib.cm import ScalarMappable
 from matplotlib.colors import LogNorm
 from matplotlib.figure import Figure
 
-from pl_mc.report.figures import bar_lengths, in_common_look, new_figure, note, series_style
+from pl_mc.report.figures import bar_lengths, new_figure, note, series_style
+from pl_mc.report.findings import picture
 from pl_mc.report.text import metres, span
 from pl_mc.statistics.intervals import clopper_pearson
 from pl_mc.studies.compare.tables import Comparison, same_curves, short_name
@@ -25,6 +26,7 @@ _HEADINGS = {
     "alarm": "P(alarm), VAL {alert.vertical_m:g} m",
     "missed": "P(|vertical error| > VAL, no alarm)",
     "misleading": "P(|vertical error| > VPL, no alarm)",
+    "availability": "PL ≤ AL, no fault",
 }
 _TESTED = ("alarm", "misleading")
 _COLOURS = "viridis_r"
@@ -33,7 +35,7 @@ _COLOURS = "viridis_r"
 _STYLES = 6
 
 
-@in_common_look
+@picture("methods", "Rates of events by method and bias, and availability.")
 def comparison_figure(counted: Comparison, experiment: Experiment) -> Figure:
     """Rates of alarms, missed detections and misleading information, method by bias, and availability.
 
@@ -45,21 +47,19 @@ def comparison_figure(counted: Comparison, experiment: Experiment) -> Figure:
         gridspec_kw={"width_ratios": [1.0, 1.0, 1.0, 0.36]},
     )  # fmt: skip
     norm = LogNorm(1.0 / draws, 1.0)
-    for panel, (event, heading) in zip(axes[:3], _HEADINGS.items(), strict=True):
-        _rate_map(panel, counted.own_rates, event, methods, norm, ticks=5)
+    _maps_and_bars(axes, counted.own_rates, counted.overview, methods, norm, ticks=5)
+    for panel, heading in zip(axes, _headings(experiment), strict=True):
+        panel.set_title(heading, fontsize=9.5)
         panel.set(xlabel="bias [m]")
-        panel.set_title(heading.format(alert=experiment.alert_limits()), fontsize=9.5)
     label = f"share of {draws:,} draws; white: none (95 % upper bound {_bound_of_none(draws):.1e})"
     _colour_bar(figure, axes[:3], norm, label, aspect=50, pad=0.02)
     axes[0].set_yticks(range(len(methods)), methods, fontsize=8.5)
     axes[0].set_ylim(len(methods) - 0.5, -0.5)
-    _share_bars(axes[3], counted.overview.set_index("method").loc[methods])
     axes[3].set_xlabel("share of draws")
-    axes[3].set_title("PL ≤ AL, no fault", fontsize=9.5)
     return figure
 
 
-@in_common_look
+@picture("methods", "Rates of events by method and bias, and availability.")
 def several_geometries_figure(day: Comparison, experiment: Experiment) -> Figure:
     """Maps of rates, method by bias: a column for each geometry, a row for each event, and availability below."""
     count, names = len(day.methods), day.names
@@ -72,18 +72,15 @@ def several_geometries_figure(day: Comparison, experiment: Experiment) -> Figure
     norm = LogNorm(1.0 / int(day.rates.draws.max()), 1.0)
     for column, name in enumerate(names):
         # Faulted satellites differ from geometry to geometry, their biases do not.
-        rates = day.rates[day.rates.geometry == name]
-        *maps, share = axes[column :: len(names)]
-        for panel, event in zip(maps, _HEADINGS, strict=True):
-            _rate_map(panel, rates, event, day.methods, norm, ticks=4)
+        panels = axes[column :: len(names)]
+        rates, overview = (table[table.geometry == name] for table in (day.rates, day.overview))
+        _maps_and_bars(panels, rates, overview, day.methods, norm, ticks=4)
+        for panel in panels:
             panel.tick_params(labelsize=7)
-        maps[0].set_title(_heading(day, name), fontsize=8.5)
-        maps[-1].set_xlabel("bias [m]", fontsize=8)
-        _share_bars(share, day.overview[day.overview.geometry == name].set_index("method").loc[day.methods])
-        share.tick_params(labelsize=7)
-        share.set_xlabel("share of draws", fontsize=8)
-    headings = [heading.format(alert=experiment.alert_limits()) for heading in _HEADINGS.values()]
-    for panel, heading in zip(axes[:: len(names)], [*headings, "PL ≤ AL, no fault"], strict=True):
+        panels[0].set_title(_heading(day, name), fontsize=8.5)
+        panels[-2].set_xlabel("bias [m]", fontsize=8)
+        panels[-1].set_xlabel("share of draws", fontsize=8)
+    for panel, heading in zip(axes[:: len(names)], _headings(experiment), strict=True):
         panel.set_ylabel(heading, fontsize=8.5)
         panel.set_yticks(range(count), day.methods, fontsize=6.5)
         panel.set_ylim(count - 0.5, -0.5)
@@ -93,7 +90,7 @@ def several_geometries_figure(day: Comparison, experiment: Experiment) -> Figure
     return figure
 
 
-@in_common_look
+@picture("tests", "Detection rates of the tests at one false-alarm rate.")
 def equal_figure(counted: Comparison, experiment: Experiment) -> Figure:
     """Alarms and misleading information of tests at one false-alarm rate, against the bias, with 95 % intervals.
 
@@ -108,10 +105,8 @@ def equal_figure(counted: Comparison, experiment: Experiment) -> Figure:
             label = ",\n".join(map(short_name, names))
             _rate_curve(panel, rows, event, number, markersize=4.5, linewidth=1.2, capsize=2, label=label)
         panel.axhline(unseen, color="0.55", linewidth=0.8, linestyle=(0, (5, 3)))
-        note(
-            panel, "95 % upper bound of none seen", (0.995, unseen), shift=(0, 2), ha="right", color="0.35",
-            xycoords=("axes fraction", "data"),
-        )  # fmt: skip
+        look: Any = {"shift": (0, 2), "ha": "right", "color": "0.35", "xycoords": ("axes fraction", "data")}
+        note(panel, "95 % upper bound of none seen", (0.995, unseen), **look)
         panel.set(yscale="log", ylim=(0.3 * unseen, 1.6))
         panel.legend(loc="center left", bbox_to_anchor=(1.01, 0.5), fontsize=8.0)
     panels[1].set(xlabel="bias [m]")
@@ -121,7 +116,7 @@ def equal_figure(counted: Comparison, experiment: Experiment) -> Figure:
     return figure
 
 
-@in_common_look
+@picture("tests", "Detection rates of the tests at one false-alarm rate.")
 def several_equal_figure(day: Comparison, experiment: Experiment) -> Figure:
     """Alarms and misleading information of tests at one false-alarm rate, a column for each geometry."""
     count, tests, p_fa = len(day.equal), day.tests, day.equal[day.reference].p_fa
@@ -146,16 +141,39 @@ def several_equal_figure(day: Comparison, experiment: Experiment) -> Figure:
     axes[0].set_ylabel("P(alarm); dotted: the false-alarm rate")
     axes[count].set_ylabel(_HEADINGS["misleading"])
     order = [name for name in tests if name in shown]
-    figure.legend(
-        [shown[name] for name in order], order, loc="outside lower center", ncols=min(4, len(order)), fontsize=8
-    )
+    look: Any = {"loc": "outside lower center", "ncols": min(4, len(order)), "fontsize": 8}
+    figure.legend([shown[name] for name in order], order, **look)
     return figure
 
 
+def _headings(experiment: Experiment) -> list[str]:
+    return [heading.format(alert=experiment.alert_limits()) for heading in _HEADINGS.values()]
+
+
+def _maps_and_bars(
+    panels: Sequence[Axes], rates: pd.DataFrame, overview: pd.DataFrame, methods: Sequence[str], norm: LogNorm, *,
+    ticks: int,
+) -> None:  # fmt: skip
+    """A map for each event of one geometry, with about so many ticks at biases, and availability in the last panel.
+
+    Bounds of the availability would be narrower than a line.
+    """
+    for panel, event in zip(panels[:-1], _HEADINGS, strict=False):
+        _rate_map(panel, rates, event, methods, norm, ticks)
+    shares = overview.set_index("method").loc[methods].availability
+    panels[-1].barh(range(len(shares)), shares, height=0.62, color="0.78")
+    for y, share in enumerate(shares):
+        text = "100 %" if share == 1 else f"{100 * share:.2f} %" if share > 0.99 else f"{100 * share:.1f} %"
+        note(panels[-1], text, (0.0, y), shift=(4, 0), va="center", ha="left")
+    panels[-1].set(xlim=(0, 1), xticks=(0.0, 0.5, 1.0))
+    panels[-1].grid(visible=False)
+    panels[-1].tick_params(axis="y", length=0)
+
+
 def _rate_map(
-    panel: Axes, rates: pd.DataFrame, event: str, methods: Sequence[str], norm: LogNorm, *, ticks: int
+    panel: Axes, rates: pd.DataFrame, event: str, methods: Sequence[str], norm: LogNorm, ticks: int
 ) -> None:
-    """Rates by method and bias as colours, with about as many ticks at biases."""
+    """Rates by method and bias as colours."""
     faults = list(dict.fromkeys(rates.fault))
     values = rates.pivot(index="method", columns="fault", values=f"{event}_rate").loc[methods, faults].to_numpy()
     panel.imshow(
@@ -173,27 +191,13 @@ def _rate_map(
     panel.set_xticks(range(0, len(faults), step), [f"{size:g}" for size in sizes[::step]])
 
 
-def _share_bars(panel: Axes, rows: pd.DataFrame) -> None:
-    """Availability as bars with its number; bounds would be narrower than a line."""
-    place = np.arange(len(rows))
-    panel.barh(place, rows.availability, height=0.62, color="0.78")
-    for y, share in zip(place, rows.availability, strict=True):
-        text = "100 %" if share == 1 else f"{100 * share:.2f} %" if share > 0.99 else f"{100 * share:.1f} %"
-        note(panel, text, (0.0, y), shift=(4, 0), va="center", ha="left")
-    panel.set(xlim=(0, 1), xticks=(0.0, 0.5, 1.0))
-    panel.grid(visible=False)
-    panel.tick_params(axis="y", length=0)
-
-
 def _rate_curve(panel: Axes, rows: pd.DataFrame, event: str, number: int, **look: Any) -> Any:
     """Rates of one test with their intervals, where there are any; the number chooses its style."""
     style = series_style(number)
     rate = rows[f"{event}_rate"].where(rows[f"{event}_rate"] > 0)
-    return panel.errorbar(
-        _drawn_bias(rows), rate, yerr=bar_lengths(rate, rows[f"{event}_low"], rows[f"{event}_high"]),
-        linestyle=style.line, marker=style.marker, color=style.colour,
-        markerfacecolor="white" if number >= _STYLES else style.colour, **look,
-    )  # fmt: skip
+    bars = bar_lengths(rate, rows[f"{event}_low"], rows[f"{event}_high"])
+    look |= style.look | {"markerfacecolor": "white" if number >= _STYLES else style.colour}
+    return panel.errorbar(_drawn_bias(rows), rate, yerr=bars, **look)
 
 
 def _colour_bar(figure: Figure, axes: Sequence[Axes], norm: LogNorm, label: str, **layout: Any) -> None:

@@ -7,7 +7,7 @@ same false-alarm rate, which is measured before anything is compared.
 
 from __future__ import annotations
 
-import dataclasses
+import inspect
 from collections.abc import Sequence
 from typing import Annotated, Literal
 
@@ -18,7 +18,7 @@ from pl_mc.engine import Execution
 from pl_mc.input_errors import InputError
 from pl_mc.methods import METHODS, Method, as_methods, method
 from pl_mc.report.document import Chart
-from pl_mc.report.findings import Findings, Picture, Table, event_quantities
+from pl_mc.report.findings import Findings, Table, event_quantities
 from pl_mc.studies.compare import figures
 from pl_mc.studies.compare.day import DAY, DayChoice, Place, comparable_elsewhere, further_geometries
 from pl_mc.studies.compare.tables import (
@@ -57,19 +57,14 @@ class EqualTests(Strict):
 
     def records(self) -> tuple[Method, ...]:
         """The methods, made records; an `InputError` for one that has no ``p_fa``."""
-        able = [
-            name for name, cls in METHODS.items() if "p_fa" in {field.name for field in dataclasses.fields(cls)}
-        ]
+        able = [name for name, cls in METHODS.items() if "p_fa" in inspect.signature(cls).parameters]
         for choice in self.methods:
             if choice.name in METHODS and choice.name not in able:
                 raise InputError(
                     f"equal.methods: {choice.name} has no test with a false-alarm probability (methods that have: "
                     f"{', '.join(able)})."
                 )
-        options = [{"p_fa": self.p_fa} | (choice.model_extra or {}) for choice in self.methods]
-        return as_methods(
-            [method(choice.name, **given) for choice, given in zip(self.methods, options, strict=True)]
-        )
+        return as_methods([method(choice.name, **{"p_fa": self.p_fa} | choice.options) for choice in self.methods])
 
 
 class CompareExperiment(Experiment):
@@ -125,8 +120,7 @@ def run(experiment: CompareExperiment, execution: Execution) -> Findings:
     counted = _count(experiment, places, execution)
     own, several, tests = counted.reference, len(places) > 1, counted.equal
     draw = figures.several_geometries_figure if several else figures.comparison_figure
-    caption = "Rates of events by method and bias, and availability."
-    pictures = [Picture("methods", draw(counted, experiment), caption)]
+    pictures = [draw(counted, experiment)]
     tables = [
         Table("rates", counted.own_rates, _chart("all methods")),
         Table("overview", counted.overview if several else counted.own(counted.overview)),
@@ -141,8 +135,7 @@ def run(experiment: CompareExperiment, execution: Execution) -> Findings:
         ]
     if tests:
         draw = figures.several_equal_figure if len(tests) > 1 else figures.equal_figure
-        caption = "Detection rates of the tests at one false-alarm rate."
-        pictures.append(Picture("tests", draw(counted, experiment), caption))
+        pictures.append(draw(counted, experiment))
         fits = joined({name: part.tests for name, part in tests.items()})
         tables += [
             Table("equal_rates", tests[own].rates, _chart("tests at one false-alarm rate")),

@@ -14,6 +14,7 @@ import pandas as pd
 
 from pl_mc.engine import sample
 from pl_mc.faults import no_fault
+from pl_mc.report.text import grouped
 from pl_mc.statistics.intervals import binomial_p_value, clopper_pearson, shared_noise_bounds
 from pl_mc.studies.planned_sweep import PlannedSweep
 from pl_mc.studies.spec import Experiment
@@ -176,9 +177,8 @@ def worst(rates: pd.DataFrame, event: str) -> pd.DataFrame:
 
 def same_curves(rates: pd.DataFrame, event: str) -> dict[tuple[str, ...], pd.DataFrame]:
     """The rows of one method for each set of methods that share all counts of an event, by their names."""
-    groups: dict[tuple[float, ...], list[str]] = {}
-    for name, rows in rates.groupby("method", sort=False):
-        groups.setdefault(tuple(rows[f"{event}_rate"]), []).append(str(name))
+    by_name = rates.groupby("method", sort=False)[f"{event}_rate"]
+    groups = grouped((tuple(counts), str(name)) for name, counts in by_name)
     return {tuple(names): rates[rates.method == names[0]] for names in groups.values()}
 
 

@@ -1,67 +1,71 @@
-"""What a comparison of many methods says: the findings, the tables that they come from, the answer."""
+"""What a comparison of many methods says: findings, whether they hold at other geometries, the answer."""
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
+from functools import partial
+from typing import Any
 
 import numpy as np
 import pandas as pd
 
 from pl_mc.alert import AlertLimits
 from pl_mc.geometry import Geometry
-from pl_mc.report.document import Block, Bullets, Heading, Paragraph, TextTable
+from pl_mc.report.document import Block, Bullets, Heading, Summary, TextTable
 from pl_mc.report.figures import method_label
-from pl_mc.report.text import EVENT_MEANS, event_text, listed, metres, percent
+from pl_mc.report.text import EVENT_MEANS, event_text, grouped, listed, metres, percent, rate_text, span
+from pl_mc.statistics.intervals import clopper_pearson
 from pl_mc.statistics.least_squares import ls_quantities
-from pl_mc.studies.compare.day_text import availability_text, blocks_over_the_day, worst_text
-from pl_mc.studies.compare.tables import Comparison, EqualTables, same_curves, worst
+from pl_mc.studies.compare.tables import Comparison, EqualTables, orders, same_curves, short_name, worst
 from pl_mc.studies.spec import Experiment
 
 _SHOWN_BIASES = 7
 
+# Columns of the overview's events at the worst bias, with their events.
+_WORST = {"missed": "missed", "misleading": "misleading", "error > VAL": "hazard"}
 
-def summary(counted: Comparison, g: Geometry, experiment: Experiment) -> tuple[Block, ...]:
+_ORDERED = {
+    "missed": "missed detections",
+    "misleading": "misleading information",
+    "hazard": "errors beyond VAL, alarm or not",
+}
+# Pairs of methods that are named one by one.
+_NAMED = 6
+
+
+def summary(counted: Comparison, g: Geometry, experiment: Experiment) -> Summary:
     """Findings in sentences, then the tables, of the experiment's own geometry ``g``; over several in front."""
     quantities, several, alert = ls_quantities(g), len(counted.names) > 1, experiment.alert_limits()
     rates, overview = counted.own_rates, counted.own(counted.overview)
     tests = counted.equal.get(counted.reference)
-    blocks: list[Block] = [
-        Paragraph(
-            f"{len(g.names)} satellites, {int(quantities.dof)} redundant, VDOP {metres(float(quantities.vdop_m))} "
-            f"m of least squares; alert limits {alert.name}, VAL {alert.vertical_m:g} m, HAL "
-            f"{alert.horizontal_m:g} m. {int(rates.draws.min()):,} draws for each fault, the same for all "
-            f"methods, seed {experiment.seed}. Rates with 95 % Clopper-Pearson bounds; `0 (< x %)` is the upper "
-            "bound where nothing was seen."
-        ),
-        *(blocks_over_the_day(counted, alert) if several else ()),
+    blocks: list[Block | str] = [
+        f"{len(g.names)} satellites, {int(quantities.dof)} redundant, VDOP {metres(float(quantities.vdop_m))} m of "
+        f"least squares; alert limits {alert.name}, VAL {alert.vertical_m:g} m, HAL {alert.horizontal_m:g} m. "
+        f"{int(rates.draws.min()):,} draws for each fault, the same for all methods, seed {experiment.seed}. Rates "
+        "with 95 % Clopper-Pearson bounds; `0 (< x %)` is the upper bound where nothing was seen.",
+        *(_over_the_day(counted, alert) if several else ()),
         Heading(f"Findings at {counted.reference}" if several else "Findings"),
         Bullets(tuple(findings(overview, tests, alert))),
         Heading("As they are by default"),
-        Paragraph(
-            "Their false-alarm rates differ: alarm rates of one line must not be held against those of another. "
-            "Missed, misleading and error > VAL: at the bias at which each is most frequent."
-        ),
+        "Their false-alarm rates differ: alarm rates of one line must not be held against those of another. "
+        "Missed, misleading and error > VAL: at the bias at which each is most frequent.",
         _overview(overview),
-        Paragraph("P(alarm) by bias:"),
-        _by_bias(rates, "alarm"),
-        Paragraph("P(misleading) by bias:"),
-        _by_bias(rates, "misleading"),
     ]
+    for event in ("alarm", "misleading"):
+        blocks += [f"P({event}) by bias:", _by_bias(rates, event)]
     if tests is not None:
         blocks += [
             Heading(f"Tests at a false-alarm rate of {tests.p_fa:g}"),
-            Paragraph(
-                f"{int(tests.rates.draws.min()):,} draws for each fault. Only tests whose measured rate fits "
-                f"{tests.p_fa:g} are compared (exact binomial test, 5 % for all together)."
-            ),
+            f"{int(tests.rates.draws.min()):,} draws for each fault. Only tests whose measured rate fits "
+            f"{tests.p_fa:g} are compared (exact binomial test, 5 % for all together).",
             _equal(tests),
         ]
-    meaning = (
+    return (
+        *blocks,
         "alarm: VPL > VAL, or the method's test rejects, or no solution. missed: |vertical error| > VAL and no "
         "alarm. misleading: |vertical error| > VPL and no alarm. PL <= AL: VPL <= VAL and HPL <= HAL without a "
-        "fault."
+        "fault.",
     )
-    return (*blocks, Paragraph(meaning))
 
 
 def answer(tables: Mapping[str, pd.DataFrame], experiment: Experiment) -> tuple[str, ...]:
@@ -113,10 +117,7 @@ def _by_rate(overview: pd.DataFrame, event: str) -> str:
 
 def _shared(texts: Iterable[tuple[str, str]]) -> list[str]:
     """``text with a and b``, for texts with the method of each; methods of the same text share one clause."""
-    names: dict[str, list[str]] = {}
-    for text, method in texts:
-        names.setdefault(text, []).append(method)
-    return [f"{text} with {listed(methods)}" for text, methods in names.items()]
+    return [f"{text} with {listed(methods)}" for text, methods in grouped(texts).items()]
 
 
 def _availability(overview: pd.DataFrame) -> str:
@@ -164,27 +165,22 @@ def _at_equal_rates(tables: EqualTables) -> list[str]:
         alarms = "; ".join(f"{event_text(row, 'alarm')} with {listed(names)}" for names, row in at_fault)
         sentences.append(f"At that rate, alarms at {fault}: {alarms}.")
     most = worst(chosen[chosen.fault != "none"], "misleading").sort_values("misleading_rate", ascending=False)
+    places = most.fault.where(most.misleading_rate > 0, "any")
     parts = _shared(
-        (
-            event_text(row, "misleading") + (f" at {row.fault}" if row.misleading_rate > 0 else " at any"),
-            row.method,
-        )
-        for row in most.itertuples()
+        (f"{event_text(row, 'misleading')} at {place}", row.method)
+        for row, place in zip(most.itertuples(), places, strict=True)
     )
     sentences.append(f"At that rate, misleading information at the worst of these biases: {'; '.join(parts)}.")
     return sentences
 
 
 def _overview(overview: pd.DataFrame) -> TextTable:
-    header = [
-        "method", "alarms, no fault", "PL <= AL, no fault", "VPL 50 / 95 % [m]", "missed", "misleading",
-        "error > VAL",
+    header = ["method", "alarms, no fault", "PL <= AL, no fault", "VPL 50 / 95 % [m]", *_WORST]
+    rows = [
+        [row.method, event_text(row, "fault_free_alarm"), availability_text(row),
+         f"{metres(row.vpl_50_m)} / {metres(row.vpl_95_m)}", *(worst_text(row, event) for event in _WORST.values())]
+        for row in overview.itertuples()
     ]  # fmt: skip
-    rows = []
-    for row in overview.itertuples():
-        levels = f"{metres(row.vpl_50_m)} / {metres(row.vpl_95_m)}"
-        events = [worst_text(row, event) for event in ("missed", "misleading", "hazard")]
-        rows.append([row.method, event_text(row, "fault_free_alarm"), availability_text(row), levels, *events])
     return TextTable.of(header, rows)
 
 
@@ -221,3 +217,169 @@ def _some_faults(rates: pd.DataFrame) -> list[str]:
         return faults
     place = (len(faults) - 1) * (np.arange(_SHOWN_BIASES) / (_SHOWN_BIASES - 1)) ** 1.5
     return [faults[round(k)] for k in place]
+
+
+def _over_the_day(day: Comparison, alert: AlertLimits) -> Summary:
+    """The findings of all geometries, and the tables behind them."""
+    cells: dict[str, Callable[[pd.Series], str]] = {
+        "Alarms without a fault": partial(event_text, event="fault_free_alarm"),
+        "VPL <= VAL and HPL <= HAL without a fault": availability_text,
+    }
+    for what, event in (
+        (f"Missed detections (error > VAL {alert.vertical_m:g} m, no alarm)", "missed"),
+        ("Misleading information (error > VPL, no alarm)", "misleading"),
+    ):
+        cells[f"{what}, at the worst bias of each geometry"] = partial(worst_text, event=event)
+    tables: list[Block | str] = []
+    for what, cell in cells.items():
+        tables += [f"{what}:", _by_geometry(day, day.overview, cell)]
+    return (
+        Heading("Over the day"),
+        "Strongest, median and weakest are epochs of the same series by the VDOP of least squares; the day is a "
+        "sample of it in equal steps. At each epoch that satellite is faulted whose bias moves least squares most "
+        "in the vertical. All methods and all biases see the same noise at an epoch, every epoch its own. Bounds "
+        "are about the noise at these epochs.",
+        _geometries(day),
+        Bullets((*_orders_of_methods(day), _never_misleading(day), *_orders_of_tests(day))),
+        *tables,
+        "Misleading information averaged over the biases of the ramp, with the smallest and the largest of the "
+        "sampled epochs (counts of that epoch alone, no bounds):",
+        _mean_misleading(day),
+        *_tests(day),
+    )
+
+
+def availability_text(row: Any) -> str:
+    """In how many draws without a fault both levels were within their alert limits, of a row of an overview."""
+    return rate_text(int(row.within), int(row.draws), row.availability_low, row.availability_high)
+
+
+def worst_text(row: Any, event: str) -> str:
+    """The rate of an event in a row of an overview, and the bias at which it is the worst, where there is one."""
+    bias = getattr(row, f"{event}_bias_m", float("nan"))
+    return event_text(row, event) + (f" at {bias:g} m" if bias == bias else "")
+
+
+def _geometries(day: Comparison) -> TextTable:
+    rows = []
+    for row in day.geometries.itertuples():
+        low, high = metres(row.vdop_min_m), metres(row.vdop_max_m)
+        epoch = row.epoch if row.epoch >= 0 else f"{row.epochs} epochs"
+        seen, redundant = span(row.satellites_min, row.satellites_max), span(row.redundant_min, row.redundant_max)
+        vdop = low if row.vdop_min_m == row.vdop_max_m else f"{low} to {high}"
+        rows.append([row.geometry, epoch, seen, redundant, vdop, row.faulted])
+    return TextTable.of(["geometry", "epoch", "satellites", "redundant", "VDOP [m]", "faulted satellite"], rows)
+
+
+def _orders_of_methods(day: Comparison) -> list[str]:
+    """Whether the order of methods at the experiment's own epoch holds elsewhere, event by event."""
+    sentences, means, last = [], day.means(), day.names[-1]
+    for event, what in _ORDERED.items():
+        kept, turned = _orders(means, event, day.names)
+        text = (
+            f"Order by {what}, averaged over the biases: of pairs of methods whose bounds lie apart both at "
+            f"{day.reference} and elsewhere, these keep their order: {kept}."
+        )
+        pairs = [f"{a} before {b}" for a, b in turned[last]]
+        if pairs:
+            more = f" and {len(pairs) - _NAMED} more" if len(pairs) > _NAMED else ""
+            text += f" Turned over the {last}, where it is the other way round: {'; '.join(pairs[:_NAMED])}{more}."
+        sentences.append(text)
+    return sentences
+
+
+def _orders_of_tests(day: Comparison) -> list[str]:
+    """Whether the order of tests at one false-alarm rate holds elsewhere."""
+    if len(day.equal) < 2:
+        return []
+    sentences, means, p_fa = [], day.equal_means(), day.equal[day.reference].p_fa
+    for event, what in (("alarm", "alarms"), ("misleading", "misleading information")):
+        kept, turned = _orders(means, event, list(day.equal))
+        text = (
+            f"Tests at a false-alarm rate of {p_fa:g}, order by {what} averaged over the biases: of pairs whose "
+            f"bounds lie apart both at {day.reference} and elsewhere, these keep their order: {kept}."
+        )
+        others = []
+        for name, pairs in turned.items():
+            # Tests that share their curves stand in one clause.
+            more_than = grouped((b, a) for a, b in pairs)
+            joined = grouped((tuple(more), b) for b, more in more_than.items())
+            others += [f"{name}, {', '.join(a)} more than {', '.join(b)}" for a, b in joined.items()]
+        if others:
+            text += f" Turned: {'; '.join(others)}, the other way round at {day.reference}."
+        sentences.append(text)
+    return sentences
+
+
+def _orders(means: pd.DataFrame, event: str, names: list[str]) -> tuple[str, dict[str, list[tuple[str, str]]]]:
+    """How many pairs keep the order of the first geometry in each other one, in words, and those that turn."""
+    pairs = {name: orders(means, event, names[0], name) for name in names[1:]}
+    kept = [f"{name} {len(same)} of {len(same) + len(turned)}" for name, (same, turned) in pairs.items()]
+    return ", ".join(kept), {name: turned for name, (_, turned) in pairs.items()}
+
+
+def _never_misleading(day: Comparison) -> str:
+    """Methods that mislead under no bias of any geometry."""
+    seen, last = day.rates.groupby("method", sort=False).misleading.sum(), day.names[-1]
+    never = [name for name in day.methods if seen[name] == 0]
+    if not never:
+        return "Every method misleads under some bias of some geometry."
+    rows = day.overview[(day.overview.geometry == last) & day.overview.method.isin(never)]
+    shares = "; ".join(f"{row.method} {availability_text(row)}" for row in rows.itertuples())
+    draws = int(day.rates.groupby("geometry").draws.min()[last])
+    return (
+        f"Never misleading under any bias of any geometry (over the {last} < "
+        f"{percent(float(clopper_pearson(0, draws)[1]))} % at each bias): {', '.join(never)}; their levels are "
+        f"within the alert limits without a fault, over the {last}, in: {shares}."
+    )
+
+
+def _by_geometry(day: Comparison, table: pd.DataFrame, cell: Callable[[pd.Series], str]) -> TextTable:
+    """A line for each method, a column for each geometry; ``cell`` makes a text of a row of the table."""
+    by_place = table.set_index(["method", "geometry"])
+    rows = [[name, *(cell(by_place.loc[name, place]) for place in day.names)] for name in day.methods]
+    return TextTable.of(["method", *day.names], rows)
+
+
+def _mean_misleading(day: Comparison) -> TextTable:
+    faulted, means = day.epochs[day.epochs.fault != "none"], day.means()
+    totals = faulted.groupby(["method", "epoch"], observed=True)[["misleading", "draws"]].sum()
+    shares = (totals.misleading / totals.draws).groupby(level="method", observed=True).agg(["min", "max"])
+    table = _by_geometry(day, means[means.event == "misleading"], _mean_text)
+    extremes = {row.Index: f"{percent(row.min)} to {percent(row.max)} %" for row in shares.itertuples()}
+    return TextTable((*table.header, "epochs of the day"), tuple((*row, extremes[row[0]]) for row in table.rows))
+
+
+def _mean_text(row: pd.Series) -> str:
+    if row.rate == 0:
+        return f"0 (< {percent(row.high)} %)"
+    return f"{percent(row.rate)} % [{percent(row.low)}, {percent(row.high)}]"
+
+
+def _tests(day: Comparison) -> Summary:
+    """Alarms of tests at one false-alarm rate, a column for each geometry, at the bias that tells them apart."""
+    if len(day.equal) < 2:
+        return ()
+    names, p_fa = day.tests, day.equal[day.reference].p_fa
+    header, columns, best = ["test"], [], []
+    for geometry, tables in day.equal.items():
+        fault = tables.telling_fault()
+        header.append(f"{geometry}, {fault.split(':')[1] if fault else '-'}")
+        rows = tables.rates[tables.rates.fault == fault].merge(tables.tests[["method", "fits"]], on="method")
+        at_fault = {short_name(row.method): row for row in rows.itertuples()}
+        alarms = {name: row.alarm_rate for name, row in at_fault.items() if row.fits}
+        texts = {name: event_text(row, "alarm") if row.fits else "another rate" for name, row in at_fault.items()}
+        columns.append([texts.get(name, "-") for name in names])
+        if alarms:
+            most = max(alarms.values())
+            best.append(f"{geometry} {', '.join(name for name in names if alarms.get(name) == most)}")
+    return (
+        Heading(f"Tests at a false-alarm rate of {p_fa:g}, over the day"),
+        "Thresholds are exact in every geometry, but for the w-test, whose significance is set anew in each (over "
+        "the day for all its epochs together) from fault-free draws of another seed. Tests with a setting that one "
+        "epoch alone gave them are at that epoch only. A test whose measured rate does not fit "
+        f"{p_fa:g} is marked and not compared. At the bias nearest to where the best of them alarms in half of the "
+        "draws:",
+        TextTable.of(header, [[name, *cells] for name, *cells in zip(names, *columns, strict=True)]),
+        f"Most alarms there: {'; '.join(best)}.",
+    )

@@ -7,7 +7,6 @@ from typing import Any
 
 import numpy as np
 import pandas as pd
-from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.ticker import MaxNLocator
 from numpy.typing import NDArray
@@ -15,7 +14,8 @@ from scipy import stats
 
 from pl_mc.engine.detect_runs import EQUAL_P_FA, LEVELS, NOMINAL
 from pl_mc.geometry.record import SYSTEM_NAMES
-from pl_mc.report.figures import SeriesStyle, in_common_look, new_figure, series_style
+from pl_mc.report.figures import SeriesStyle, in_common_look, legend_below, new_figure, series_style
+from pl_mc.report.findings import picture
 from pl_mc.report.text import percent
 from pl_mc.studies.guo.paper import LETTERS, paper_rate
 
@@ -34,7 +34,7 @@ def test_label(test: str, reading: str) -> str:
     return f"{LETTERS[test]} ({reading})"
 
 
-@in_common_look
+@picture("fig1_residuals", "Pseudorange errors, how often which, by system.")
 def residual_figure(by_system: Mapping[str, tuple[FloatArray, FloatArray]], *, title: str) -> Figure:
     """Figure 1: residuals without a fault, with the normal density of the a-priori variance.
 
@@ -64,7 +64,7 @@ def residual_figure(by_system: Mapping[str, tuple[FloatArray, FloatArray]], *, t
     return figure
 
 
-@in_common_look
+@picture("fig2_satellites", "Satellites in view over the epochs.")
 def satellites_figure(
     epoch: NDArray[np.int64], counts: Mapping[str, NDArray[np.int64]], pdop: FloatArray, *, title: str
 ) -> Figure:
@@ -114,7 +114,7 @@ def statistic_figure(epochs: pd.DataFrame, *, biases_m: Sequence[float], title: 
     return figure
 
 
-@in_common_look
+@picture("detection", "Detection rates by test and bias, with 95 % intervals.")
 def detection_figure(detection: pd.DataFrame, *, title: str) -> Figure:
     """Table 1 as points: detection rates by reading and bias, at both levels, with the paper's marks.
 
@@ -147,11 +147,11 @@ def detection_figure(detection: pd.DataFrame, *, title: str) -> Figure:
         panel.set(xlabel="detection rate", xlim=(-0.02, 1.02), ylim=(len(keys) - 0.5, -0.5))
         panel.set_title("nominal thresholds, unequal P_FA" if level == NOMINAL else "equal P_FA")
     # A legend of the figure: one of a panel would widen that panel's share of it.
-    figure.legend(*axes[0].get_legend_handles_labels(), loc="outside lower center", ncols=4)
+    legend_below(figure, axes[:1], columns=4, side="center")
     return figure
 
 
-@in_common_look
+@picture("power", "Detection rate of each test against the bias.")
 def power_figure(power: pd.DataFrame, reliable: pd.DataFrame, *, title: str) -> Figure:
     """Detection of the least detectable BeiDou satellite of one epoch against the bias, nominal and at equal P_FA.
 
@@ -169,9 +169,11 @@ def power_figure(power: pd.DataFrame, reliable: pd.DataFrame, *, title: str) -> 
     for panel, level in zip(axes, LEVELS, strict=True):
         groups = chosen[chosen.level == level].groupby(["test", "reading"], sort=False)
         for k, ((test, reading), group) in enumerate(groups):
-            label = test_label(str(test), str(reading))
+            label, style = test_label(str(test), str(reading)), series_style(k, _MORE)
             if group.detections.sum():
-                _curve(panel, group, k, label)
+                rate, look = group.detection_rate, style.look | {"markersize": 3.5, "linewidth": 1.1}
+                panel.fill_between(group.bias_m, group.low, group.high, color=style.colour, alpha=0.25, linewidth=0)
+                panel.plot(group.bias_m, rate, **look, label=label)
             else:
                 panel.plot([], [], linestyle="none", label=f"{label}: never")
             if group.exact_rate.notna().any():
@@ -183,7 +185,7 @@ def power_figure(power: pd.DataFrame, reliable: pd.DataFrame, *, title: str) -> 
     return figure
 
 
-@in_common_look
+@picture("power_satellites", "Detection rate by satellite and bias.")
 def satellite_power_figure(power: pd.DataFrame, reliable: pd.DataFrame, *, title: str) -> Figure:
     """Every satellite of one epoch at equal false-alarm rates: a map for each reading of satellite against bias.
 
@@ -213,13 +215,3 @@ def satellite_power_figure(power: pd.DataFrame, reliable: pd.DataFrame, *, title
         panel.set_xlabel("bias [m]")
     figure.colorbar(image, ax=axes, label="detection rate", pad=0.01)
     return figure
-
-
-def _curve(panel: Axes, group: pd.DataFrame, index: int, label: str) -> None:
-    """A rate against the bias with its bounds as a band."""
-    style = series_style(index) if index < 6 else _MORE[(index - 6) % len(_MORE)]
-    panel.fill_between(group.bias_m, group.low, group.high, color=style.colour, alpha=0.25, linewidth=0)
-    panel.plot(
-        group.bias_m, group.detection_rate, style.line, marker=style.marker, markersize=3.5, color=style.colour,
-        linewidth=1.1, label=label,
-    )  # fmt: skip

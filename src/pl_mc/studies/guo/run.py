@@ -7,51 +7,48 @@ measured before anything is compared.
 
 from __future__ import annotations
 
-import dataclasses
 from collections.abc import Mapping
 from pathlib import Path
 from typing import Annotated, Any, Literal
 
 import numpy as np
 import pandas as pd
-from numpy.typing import NDArray
-from pydantic import ConfigDict, Field
+from pydantic import Field
 
 from pl_mc.detectors import Detector, as_detectors, detector
 from pl_mc.engine import Execution
+from pl_mc.engine.detect_runs import LEVELS, NOMINAL
 from pl_mc.faults import ramps
 from pl_mc.geometry import Geometry, dops
 from pl_mc.input_errors import InputError
-from pl_mc.report.document import Chart, Quantity
+from pl_mc.report.document import Chart, Quantity, Summary, TextTable
 from pl_mc.report.findings import Findings, Picture, Table
+from pl_mc.report.text import percent, rate_text, row_rate
 from pl_mc.statistics.least_squares import ls_quantities
 from pl_mc.statistics.reliability import least_detectable, reliability
 from pl_mc.studies.guo import figures
-from pl_mc.studies.guo.paper import hypothesis_table, variance_factors
+from pl_mc.studies.guo.paper import LETTERS, closest, hypothesis_table, paper_rate, variance_factors
 from pl_mc.studies.guo.series import Day, GuoSeries, day_of_detections, power_table
-from pl_mc.studies.guo.text import summary
 from pl_mc.studies.sources import AnySource, ReceiverSource, Series, expected_epochs
-from pl_mc.studies.spec import Experiment, Strict
+from pl_mc.studies.spec import Experiment, NamedChoice, Strict, epochs_at
 from pl_mc.studies.study import Work
 
 # Statistics a second, from the seconds of manifests of shipped experiments, on two cores.
 _STATISTICS_PER_S = 1.7e6
 # About as many satellites are in view, each of which gets the biases of the curves.
 _IN_VIEW = 25
+# Largest difference of rates at which a reading and a line of the paper are called close.
+_CLOSE = 0.10
 
 
-class TestChoice(Strict):
+class TestChoice(NamedChoice):
     """A test by name; every further field is an option of that test."""
 
     __test__ = False
 
-    model_config = ConfigDict(extra="allow", frozen=True)
-
-    name: str
-
     def build(self) -> Detector:
         """The test's record."""
-        return detector(self.name, **(self.model_extra or {}))
+        return detector(self.name, **self.options)
 
 
 class PowerCurves(Strict):
@@ -95,9 +92,8 @@ class GuoExperiment(Experiment):
     system: str = "C"
     biases_m: Annotated[tuple[float, ...], Field(min_length=1)] = (10.0, 20.0, 30.0)
     p_fa: float = Field(default=0.01, gt=0, lt=1)
-    tests: Annotated[tuple[TestChoice, ...], Field(min_length=1)] = (
-        TestChoice(name="chi2"),
-        TestChoice(name="mean_check"),
+    tests: Annotated[tuple[TestChoice, ...], Field(min_length=1)] = tuple(
+        TestChoice(name=name) for name in ("chi2", "mean_check")
     )
     draws: int = Field(default=256, ge=1)
     calibration_draws: int = Field(default=1999, ge=1)
@@ -125,18 +121,11 @@ def run(experiment: GuoExperiment, execution: Execution) -> Findings:
     left_out = f"{row.size - kept.size} of {row.size} epochs are left out: no satellite of {experiment.system}"
     skipped = [f"{left_out} is checked by others."] if kept.size < row.size else []
     series = GuoSeries(
-        geometry=_epochs(g, kept),
-        errors_m=errors_m[kept],
-        faulted_row=row[kept],
-        biases_m=(0.0, *experiment.biases_m),
+        epochs_at(g, kept), errors_m[kept], row[kept], (0.0, *experiment.biases_m),
         real=isinstance(experiment.source, ReceiverSource),
-    )
-    options: dict[str, Any] = {
-        "p_fa": experiment.p_fa,
-        "seed": experiment.seed,
-        "precision": experiment.precision,
-        "progress": execution.progress,
-    }
+    )  # fmt: skip
+    options: dict[str, Any] = {name: getattr(experiment, name) for name in ("p_fa", "seed", "precision")}
+    options["progress"] = execution.progress
     draws = {"draws": experiment.draws, "calibration_draws": experiment.calibration_draws}
     day = day_of_detections(series, tests, **draws, **options)
     hypotheses = hypothesis_table(day.drawn)
@@ -181,27 +170,22 @@ def without_satellites(series: Series, names: tuple[str, ...]) -> tuple[Geometry
     out = np.isin(np.array(g.names), names)
     if not out.any():
         return g, errors
-    epochs, known = len(g), len(g.names)
-    design = np.zeros((epochs, known, g.design.shape[2]))
-    sigma, values = np.ones((epochs, known)), np.zeros((epochs, known))
-    seen = np.zeros((epochs, known), dtype=bool)
     place, at = np.nonzero(g.in_view)
     satellite = g.satellite[place, at]
-    design[place, satellite], sigma[place, satellite] = g.design[place, at], g.sigma_m[place, at]
-    values[place, satellite], seen[place, satellite] = errors[place, at], True
-    seen[:, out] = False
+
+    def by_satellite(values: np.ndarray, missing: float) -> np.ndarray:
+        spread = np.full((len(g), len(g.names), *values.shape[2:]), missing, dtype=values.dtype)
+        spread[place, satellite] = values[place, at]
+        return spread
+
     kept = Geometry.from_rows(
-        design=design, sigma_m=sigma, in_view=seen, names=g.names, systems=g.systems, clocks=g.clocks,
+        design=by_satellite(g.design, 0.0), sigma_m=by_satellite(g.sigma_m, 1.0),
+        in_view=by_satellite(g.in_view, False) & ~out, names=g.names, systems=g.systems, clocks=g.clocks,
         epoch=g.epoch, time_gps_s=g.time_gps_s,
     )  # fmt: skip
     order = np.array([g.names.index(name) for name in kept.names])
-    return kept, np.where(kept.in_view, values[np.arange(epochs)[:, None], order[kept.satellite]], 0.0)
-
-
-def _epochs(g: Geometry, kept: NDArray[np.int64]) -> Geometry:
-    """The epochs of these places, which need not follow each other."""
-    by_epoch = ("design", "sigma_m", "in_view", "satellite", "epoch", "time_gps_s")
-    return dataclasses.replace(g, **{name: getattr(g, name)[kept] for name in by_epoch})
+    values = by_satellite(errors, 0.0)
+    return kept, np.where(kept.in_view, values[np.arange(len(g))[:, None], order[kept.satellite]], 0.0)
 
 
 def _chart(what: str, *menus: str) -> Chart:
@@ -222,20 +206,7 @@ def _pictures(
     rows = {letter: g.in_view & (letters == letter) for letter in ("G", "C")}
     by_system = {letter: (residuals_m[own], g.sigma_m[own]) for letter, own in rows.items()}
     counts = {letter: own.sum(axis=1) for letter, own in rows.items()}
-    drawn = {
-        "detection": (
-            figures.detection_figure(day.detection, title=title),
-            "Detection rates by test and bias, with 95 % intervals.",
-        ),
-        "fig1_residuals": (
-            figures.residual_figure(by_system, title=title),
-            "Pseudorange errors, how often which, by system.",
-        ),
-        "fig2_satellites": (
-            figures.satellites_figure(g.epoch, counts, dops(g).pdop, title=title),
-            "Satellites in view over the epochs.",
-        ),
-    }
+    statistics = []
     for name, test, sizes in (
         ("fig3_t", "mean_check", (0.0,)),
         ("fig4_t", "mean_check", experiment.biases_m),
@@ -245,9 +216,87 @@ def _pictures(
         if len(of_test):
             first = of_test[of_test.reading == of_test.reading.iloc[0]]
             figure = figures.statistic_figure(first, biases_m=sizes, title=title)
-            drawn[name] = figure, "A test's statistic and its threshold over the epochs."
-    figure = figures.power_figure(power, reliable, title=title)
-    drawn["power"] = figure, "Detection rate of each test against the bias."
-    figure = figures.satellite_power_figure(power, reliable, title=title)
-    drawn["power_satellites"] = figure, "Detection rate by satellite and bias."
-    return tuple(Picture(name, *figure_and_caption) for name, figure_and_caption in drawn.items())
+            statistics.append(Picture(name, figure, "A test's statistic and its threshold over the epochs."))
+    return (
+        figures.detection_figure(day.detection, title=title),
+        figures.residual_figure(by_system, title=title),
+        figures.satellites_figure(g.epoch, counts, dops(g).pdop, title=title),
+        *statistics,
+        figures.power_figure(power, reliable, title=title),
+        figures.satellite_power_figure(power, reliable, title=title),
+    )
+
+
+def summary(
+    experiment: GuoExperiment, series: GuoSeries, detection: pd.DataFrame, hypotheses: pd.DataFrame
+) -> Summary:
+    """The blocks of the summary; tables are those of their names."""
+    g = series.geometry
+    letters = np.array(g.systems)[g.satellite]
+    gps, beidou = ((g.in_view & (letters == letter)).sum(axis=1) for letter in ("G", "C"))
+    nominal, equal = (_rates(detection[detection.level == level]) for level in LEVELS)
+    biases = sorted(bias for bias in detection.bias_m.unique() if bias)
+    for test, letter in LETTERS.items():
+        printed = [f"{100 * paper_rate(test, bias):.1f} %" for bias in biases]
+        nominal.append([f"paper, {letter}", "as printed", "-", *printed])
+    header = ["test", "reading", "P_FA measured", *(f"{bias:g} m" for bias in biases)]
+    whose = "the receiver's own errors, fault-free" if series.real else "drawn noise without a fault"
+    near = "; ".join(
+        f"{row.test} ({row.reading}) and {row.line}, largest difference {100 * row.largest:.1f} points"
+        for row in closest(hypotheses).itertuples()
+        if row.largest < _CLOSE
+    )
+    return (
+        f"{experiment.source.describe()}. {len(g)} epochs, {gps.min()}-{gps.max()} GPS and "
+        f"{beidou.min()}-{beidou.max()} BeiDou satellites; the bias on the least detectable BeiDou satellite "
+        f"(largest MDB) of each epoch. Nominal P_FA {percent(experiment.p_fa)} %, seed {experiment.seed}. "
+        "Rates with 95 % Clopper-Pearson bounds; `0 (< x %)` is the upper bound where nothing was seen. P_FA "
+        f"is that of {whose}.",
+        "At the nominal thresholds, each with the false-alarm rate that it happens to have (not comparable):",
+        TextTable.of(header, nominal),
+        "At thresholds of equal false-alarm rate (comparable):",
+        TextTable.of(header, equal),
+        f"Lines of the paper that a reading comes within {100 * _CLOSE:g} points of at every bias: "
+        f"{near or 'none'}.",
+    )
+
+
+def answer(tables: Mapping[str, pd.DataFrame], experiment: GuoExperiment) -> tuple[str, ...]:
+    """Detection at the smallest bias, of the best and the worst reading; false alarms at nominal thresholds."""
+    biased = tables["detection"][lambda table: table.bias_m > 0]
+    bias = biased.bias_m.min()
+    at = biased[biased.bias_m == bias]
+    nominal, equal = at[at.level == NOMINAL], at[at.level != NOMINAL]
+    best, worst = equal.loc[equal.detection_rate.idxmax()], equal.loc[equal.detection_rate.idxmin()]
+    plain = min((row for _, row in nominal.iterrows()), key=lambda row: row.test != "chi2")
+    least, most = nominal.loc[nominal.p_fa_measured.idxmin()], nominal.loc[nominal.p_fa_measured.idxmax()]
+    return (
+        f"At thresholds of equal false-alarm rate ({percent(experiment.p_fa)} % asked for) {_name(best)} finds a "
+        f"bias of {bias:g} m most often, in {_detected(best)} of {int(best.epochs):,} epochs, and {_name(worst)} "
+        f"least often, in {_detected(worst)}.",
+        f"At its nominal threshold {_name(plain)} finds it in {_detected(plain)} and raises a false alarm in "
+        f"{_false_alarms(plain)} of fault-free trials.",
+        f"Nominal thresholds are not comparable: the false-alarm rates that they really have go from "
+        f"{_false_alarms(least)} for {_name(least)} to {_false_alarms(most)} for {_name(most)}.",
+    )
+
+
+def _rates(level: pd.DataFrame) -> list[list[str]]:
+    """False alarms and detections of each reading, bias by bias."""
+    return [
+        [*key, _false_alarms(group.iloc[0]), *(_detected(row) for _, row in group[group.bias_m != 0].iterrows())]
+        for key, group in level.groupby(["test", "reading"], sort=False)
+    ]
+
+
+def _false_alarms(row: pd.Series) -> str:
+    count = round(row.p_fa_measured * row.p_fa_trials)
+    return rate_text(count, int(row.p_fa_trials), row.p_fa_low, row.p_fa_high)
+
+
+def _detected(row: pd.Series) -> str:
+    return row_rate(row, "detections", "epochs")
+
+
+def _name(row: pd.Series) -> str:
+    return f"{row.test} ({row.reading})"

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from itertools import product
 from typing import Any
 
 import numpy as np
@@ -11,14 +12,7 @@ from numpy.typing import NDArray
 
 from pl_mc.detectors import Detector
 from pl_mc.engine.detect import detect
-from pl_mc.engine.detect_runs import (
-    LEVELS,
-    calibrate,
-    checked_options,
-    defined_at,
-    power_counts,
-    verdicts_on,
-)
+from pl_mc.engine.detect_runs import LEVELS, calibrate, checked_options, defined_at, power_counts, verdicts_on
 from pl_mc.faults import Faults
 from pl_mc.geometry import Geometry
 from pl_mc.statistics.intervals import binomial_p_value, clopper_pearson
@@ -81,14 +75,9 @@ class Day:
 
 
 def day_of_detections(
-    series: GuoSeries,
-    tests: tuple[Detector, ...],
-    *,
-    p_fa: float,
-    draws: int,
-    calibration_draws: int,
+    series: GuoSeries, tests: tuple[Detector, ...], *, p_fa: float, draws: int, calibration_draws: int,
     **options: Any,
-) -> Day:
+) -> Day:  # fmt: skip
     """Thresholds first, then the series' own errors with each bias, then many draws of noise with each.
 
     For drawn noise the thresholds of equal false-alarm rate are those of `calibrate`, epoch by epoch. For a
@@ -114,21 +103,17 @@ def day_of_detections(
         factors = crossed_factors(statistic[0].T / nominal.T, g.time_gps_s, p_fa)
         thresholds = np.stack([nominal, nominal * factors.T], axis=-1)
     detected = statistic[..., None] > thresholds
+    names = np.array(g.names, dtype=object)
     columns = {
-        "statistic": statistic,
-        "threshold": heard("threshold"),
-        "detected": detected[..., 0],
-        "threshold_equal": np.broadcast_to(thresholds[..., 1], statistic.shape),
-        "detected_equal": detected[..., 1],
-        "suspect": np.array(g.names, dtype=object)[suspect],
-        "error_m": heard("error_m"),
-    }
+        "statistic": statistic, "threshold": heard("threshold"), "detected": detected[..., 0],
+        "threshold_equal": np.broadcast_to(thresholds[..., 1], statistic.shape), "detected_equal": detected[..., 1],
+        "suspect": names[suspect], "error_m": heard("error_m"),
+    }  # fmt: skip
     epochs = []
-    for b, bias in enumerate(series.biases_m):
-        for k, test in enumerate(tests):
-            rows = pd.DataFrame({"epoch": g.epoch, "bias_m": bias, "test": test.test, "reading": test.label})
-            rows["satellite"] = np.array(g.names, dtype=object)[faulted]
-            epochs.append(rows.assign(**{name: values[b, k] for name, values in columns.items()})[defined[:, k]])
+    for (b, bias), (k, test) in product(enumerate(series.biases_m), enumerate(tests)):
+        rows = pd.DataFrame({"epoch": g.epoch, "bias_m": bias, "test": test.test, "reading": test.label})
+        own = {"satellite": names[faulted]} | {name: values[b, k] for name, values in columns.items()}
+        epochs.append(rows.assign(**own)[defined[:, k]])
 
     total, biased = defined.sum(axis=0)[:, None, None], np.array(series.biases_m) != 0
     alarms = detected[0].sum(axis=1) if series.real else calibration.false_alarms.sum(axis=0)

@@ -3,31 +3,39 @@
 from __future__ import annotations
 
 import textwrap
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 import pandas as pd
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
-from matplotlib.lines import Line2D
 from matplotlib.ticker import NullFormatter
 
-from pl_mc.report.figures import bar_lengths, in_common_look, method_label, new_figure, note, series_style
-from pl_mc.studies.noise.text import assumed_share, fault_words
+from pl_mc.report.figures import DASHED, bar_lengths, legend_key, method_label, new_figure, note, series_style
+from pl_mc.report.findings import picture
+from pl_mc.studies.spec import Experiment
 
-if TYPE_CHECKING:
-    from pl_mc.studies.noise.run import NoiseExperiment
-
-_HEADINGS = {
-    "alarm": "P(alarm), VAL {limit:g} m",
-    "misleading": "P(misleading)",
-}
+_HEADINGS = {"alarm": "P(alarm), VAL {limit:g} m", "misleading": "P(misleading)"}
 _MOST_COLUMNS = 3
 _DOTS = (0, (1, 1.5))
 
 
-@in_common_look
-def noise_figure(factors: pd.DataFrame, experiment: NoiseExperiment) -> Figure:
+def fault_words(fault: str) -> str:
+    """A fault's label, in words where there is none."""
+    return "no fault" if fault == "none" else fault
+
+
+def assumed_share(rows: pd.DataFrame, assumed: int) -> float:
+    """What a budget makes of the rate per sample: the share of exposures of so many independent samples.
+
+    The rate is pooled over all exposures of the rows, whose marginals are the same.
+    """
+    rate = rows.samples_with.sum() / (rows.exposures * rows.samples).sum()
+    return -float(np.expm1(assumed * np.log1p(-rate)))
+
+
+@picture("noise_models", "Rates of events under each model of the noise, beside Gaussian noise.")
+def noise_figure(factors: pd.DataFrame, experiment: Experiment) -> Figure:
     """Rates of alarms and misleading information, a line per noise model, panels per event and first three faults.
 
     An open triangle is the 95 % upper bound of what was never seen. A thin vertical line is the rate under Gaussian
@@ -57,9 +65,9 @@ def noise_figure(factors: pd.DataFrame, experiment: NoiseExperiment) -> Figure:
                 panel.axhline(edge - 0.5, color="0.9", linewidth=0.8, zorder=0.5)
     styles = [(series_style(number), method_label(method)) for number, method in enumerate(methods)]
     handles = [
-        *(_key(label, color=style.colour, marker=style.marker, markersize=5) for style, label in styles),
-        _key("none seen: upper bound", color="0.3", marker="<", markerfacecolor="none", linestyle=""),
-        _key("gaussian (lines)", color="0.3", linewidth=0.9),
+        *(legend_key(label, color=style.colour, marker=style.marker, markersize=5) for style, label in styles),
+        legend_key("none seen: upper bound", color="0.3", marker="<", markerfacecolor="none", linestyle=""),
+        legend_key("gaussian (lines)", color="0.3", linewidth=0.9),
     ]
     figure.legend(handles=handles, loc="outside lower center", ncols=len(handles))
     return figure
@@ -74,13 +82,10 @@ def _draw(panel: Axes, rows: pd.DataFrame, number: int, methods: int) -> None:
     reference = float(rows["gaussian_rate"].iloc[0])
     if reference > 1e-9:
         panel.axvline(reference, color=style.colour, linewidth=0.9, linestyle=style.line, alpha=0.55, zorder=1.0)
-    panel.errorbar(
-        rate[seen], place[seen], xerr=bar_lengths(rate, low, high)[:, seen], fmt=style.marker, markersize=4.2,
-        color=style.colour, linewidth=1.2, zorder=2.5,
-    )  # fmt: skip
-    panel.plot(
-        high[~seen], place[~seen], "<", markersize=5.0, markerfacecolor="none", color=style.colour, zorder=2.5
-    )
+    look: Any = {"color": style.colour, "zorder": 2.5}
+    bars = bar_lengths(rate, low, high)[:, seen]
+    panel.errorbar(rate[seen], place[seen], xerr=bars, fmt=style.marker, markersize=4.2, linewidth=1.2, **look)
+    panel.plot(high[~seen], place[~seen], "<", markersize=5.0, markerfacecolor="none", **look)
 
 
 def _spaced(name: str) -> str:
@@ -90,24 +95,18 @@ def _spaced(name: str) -> str:
     return "\n".join([base.replace("_", " "), *lines])
 
 
-def _key(label: str, **look: Any) -> Line2D:
-    """An entry of a legend."""
-    return Line2D([], [], label=label, **look)
-
-
-@in_common_look
-def exposure_figure(exposures: pd.DataFrame, experiment: NoiseExperiment) -> Figure:
+@picture("exposures", "How often an event happens at least once in an exposure, by the correlation of its errors.")
+def exposure_figure(exposures: pd.DataFrame, *, event: str, assumed: int, title: str) -> Figure:
     """The share of exposures with an event, and the independent samples that would give it, against tau.
 
     A correlation time of zero is drawn at a third of the smallest other.
     """
-    event, assumed = experiment.exposure.event, experiment.exposure.assumed_samples
     chosen = exposures[exposures.event == event]
     faults, methods = (list(dict.fromkeys(chosen[column])) for column in ("fault", "method"))
     samples = int(chosen.samples.iloc[0])
     figure, axes = new_figure(
         2, len(faults), width_in=4.4 * len(faults) + 0.8, height_in=7.2,
-        title=f"{experiment.title}: {event} in exposures of {samples} samples", sharex=True,
+        title=f"{title}: {event} in exposures of {samples} samples", sharex=True,
     )  # fmt: skip
     least = float(chosen.tau_s[chosen.tau_s > 0].min())
     for column, fault in enumerate(faults):
@@ -123,12 +122,10 @@ def exposure_figure(exposures: pd.DataFrame, experiment: NoiseExperiment) -> Fig
         upper.set_title(f"{fault_words(fault)}: P(at least one in an exposure)")
         lower.set(yscale="log", ylim=(0.7, 1.6 * samples), xlabel="correlation time [s] (leftmost: independent)")
         lower.set_title("independent samples that would do the same")
-        lower.axhline(assumed, color="0.15", linewidth=1.2, linestyle=(0, (6, 2)), zorder=1.5)
-        note(
-            lower, f"assumed in a budget: {assumed}", (0.01, assumed), shift=(0, -3), ha="left", va="top",
-            fontsize=8.5, xycoords=("axes fraction", "data"),
-        )  # fmt: skip
-    dotted = _key(f"{assumed} independent samples", color="0.3", linewidth=1.0, linestyle=_DOTS)
+        lower.axhline(assumed, **DASHED)
+        look: Any = {"ha": "left", "va": "top", "fontsize": 8.5, "xycoords": ("axes fraction", "data")}
+        note(lower, f"assumed in a budget: {assumed}", (0.01, assumed), shift=(0, -3), **look)
+    dotted = legend_key(f"{assumed} independent samples", color="0.3", linewidth=1.0, linestyle=_DOTS)
     handles = [*axes[0].get_legend_handles_labels()[0], dotted]
     figure.legend(handles=handles, loc="outside lower center", ncols=len(methods) + 1)
     return figure
@@ -140,13 +137,10 @@ def _draw_exposures(upper: Axes, lower: Axes, rows: pd.DataFrame, number: int, l
     tau = np.where(rows.tau_s > 0, rows.tau_s, least / 3.0)
     seen = (rows.exposures_with > 0).to_numpy()
     label = method_label(str(rows.method.iloc[0]))
-    for panel, columns in (
-        (upper, ("any_rate", "any_low", "any_high")),
-        (lower, ("effective_samples", "effective_low", "effective_high")),
-    ):
-        value, low, high = (np.where(seen, rows[name], np.nan) for name in columns)
+    for panel, of, rate in ((upper, "any", "any_rate"), (lower, "effective", "effective_samples")):
+        value, low, high = (np.where(seen, rows[name], np.nan) for name in (rate, f"{of}_low", f"{of}_high"))
         panel.fill_between(tau, low, high, color=style.colour, alpha=0.15, linewidth=0)
-        panel.plot(tau, value, style.line, marker=style.marker, markersize=3.8, color=style.colour, label=label)
+        panel.plot(tau, value, **style.look, markersize=3.8, label=label)
     share = assumed_share(rows, assumed)
     if share > 0:
         upper.axhline(share, color=style.colour, linewidth=1.0, linestyle=_DOTS)

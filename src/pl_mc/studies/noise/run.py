@@ -6,11 +6,12 @@ estimator; what correlation in time does is counted in exposures.
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 from functools import partial
 from itertools import product
-from typing import Annotated, Literal
+from typing import Annotated, Any, Literal
 
+import numpy as np
 import pandas as pd
 from pydantic import Field
 
@@ -23,13 +24,15 @@ from pl_mc.integrity_risk.rare.exposure import exposure, samples_of
 from pl_mc.integrity_risk.rare.risk import risk
 from pl_mc.methods import Ls, Method
 from pl_mc.noise_models import GAUSSIAN, NoiseModel
-from pl_mc.report.document import Chart, Quantity
-from pl_mc.report.findings import Findings, Picture, Table, event_quantities
+from pl_mc.report.document import Chart, Heading, Quantity, Summary, TextTable
+from pl_mc.report.figures import method_label
+from pl_mc.report.findings import Findings, Table, event_quantities
+from pl_mc.report.text import EVENT_MEANS, event_text, method_key, metres, percent, rate_text
 from pl_mc.runtime.progress import with_progress
 from pl_mc.runtime.threads import cores, in_order
 from pl_mc.statistics.exact import ls_rates
-from pl_mc.studies.noise.figures import exposure_figure, noise_figure
-from pl_mc.studies.noise.text import summary
+from pl_mc.statistics.least_squares import ls_quantities
+from pl_mc.studies.noise.figures import assumed_share, exposure_figure, fault_words, noise_figure
 from pl_mc.studies.planned_sweep import PlannedSweep
 from pl_mc.studies.spec import Experiment, NoiseChoice, SimulatedGeometry, Strict
 from pl_mc.studies.study import Check, Work
@@ -194,20 +197,12 @@ def run(experiment: NoiseExperiment, execution: Execution) -> Findings:
             alert=alert, precision=experiment.precision, progress=execution.progress,
         ),
     }  # fmt: skip
+    drawn: Any = {"event": given.event, "assumed": given.assumed_samples, "title": experiment.title}
     return Findings(
         summary=summary(experiment, g, tables),
         tables=tuple(Table(name, table, _CHARTS.get(name)) for name, table in tables.items()),
-        pictures=(
-            Picture(
-                "noise_models", noise_figure(tables["factors"], experiment),
-                "Rates of events under each model of the noise, beside Gaussian noise.",
-            ),
-            Picture(
-                "exposures", exposure_figure(tables["exposures"], experiment),
-                "How often an event happens at least once in an exposure, by the correlation of its errors.",
-            ),
-        ),
-    )  # fmt: skip
+        pictures=(noise_figure(tables["factors"], experiment), exposure_figure(tables["exposures"], **drawn)),
+    )
 
 
 def factor_table(
@@ -233,10 +228,8 @@ def factor_table(
                 expected = [float(exact.loc[row.fault, f"{event}_rate"])] * len(parts)
             else:
                 expected = [float(gaussian.loc[(row.method, row.fault), f"{event}_{part}"]) for part in parts]
-            count = round(counted[0] * row.draws)
-            rows.append(
-                (row.noise, row.method, row.fault, row.bias_m, event, row.draws, count, *counted, *expected)
-            )
+            of = (row.noise, row.method, row.fault, row.bias_m, event)
+            rows.append((*of, row.draws, round(counted[0] * row.draws), *counted, *expected))
     columns = ["noise", "method", "fault", "bias_m", "event", "draws", "count"]
     table = pd.DataFrame(rows, columns=[*columns, *parts, *(f"gaussian_{part}" for part in parts)])
     seen = table.rate > 0
@@ -279,3 +272,114 @@ def _risks(
     shown = with_progress(results, total=len(cases), what="Risk", show=execution.progress)
     tables = [table for _, table in shown]
     return pd.concat(tables, ignore_index=True) if tables else pd.DataFrame(columns=["noise", "method", "fault"])
+
+
+def summary(experiment: NoiseExperiment, g: Geometry, tables: Mapping[str, pd.DataFrame]) -> Summary:
+    """One screen for every part, of the epoch and the tables by name."""
+    factors, exposures = tables["factors"], tables["exposures"]
+    quantities, alert, satellite = ls_quantities(g), experiment.alert_limits(), experiment.faults.satellite
+    gain = float(quantities.gain[g.names.index(satellite)])
+    rare, given = experiment.rare, experiment.exposure
+    return (
+        f"{len(g.names)} satellites, {int(quantities.dof)} redundant, VDOP {metres(float(quantities.vdop_m))} m of "
+        f"least squares; alert limit {alert.name}, VAL {metres(alert.vertical_m)} m. "
+        f"{int(factors.draws.iloc[0]):,} draws for each fault and noise model, seed {experiment.seed}, all models "
+        "made from the same numbers. Whatever the noise, methods believe in Gaussian errors with the satellites' "
+        f"sigma. A metre on {satellite} moves least squares {'up' if gain > 0 else 'down'} by {abs(gain):.2f} m.",
+        "Rates with 95 % Clopper-Pearson bounds; in brackets the factor against Gaussian noise with the quotients "
+        "of opposite bounds (least squares under Gaussian noise: the exact rate). `0 (< x %)` is the upper bound "
+        "where nothing was seen.",
+        Heading("Alarms"),
+        _rates(factors[factors.event == "alarm"]),
+        Heading("Misleading: |vertical error| > VPL and no alarm"),
+        _rates(factors[factors.event == "misleading"]),
+        Heading(f"P({rare.event}) where the sweep counted fewer than {rare.fewest_events}"),
+        "By `pl_mc.risk`: importance sampling checked by subset simulation, or plain counts; no number where they "
+        "do not bear each other out.",
+        _risk_table(tables["risks"]) if len(tables["risks"]) else "None.",
+        Heading(f"{given.event} at least once in an exposure, Gauss-Markov errors"),
+        *_exposures(exposures[exposures.event == given.event], given.assumed_samples),
+    )
+
+
+def answer(tables: Mapping[str, pd.DataFrame], experiment: NoiseExperiment) -> tuple[str, ...]:
+    """Each event under Gaussian noise and under the model that makes it most frequent."""
+    rates, val_m = tables["rates"], experiment.alert_limits().vertical_m
+    sentences = []
+    for event, means in EVENT_MEANS.items():
+        clauses = []
+        for name, group in rates.groupby("method", sort=False):
+            parts = []
+            # Gaussian noise first, then all other models.
+            for _, part in group.groupby(group.noise != GAUSSIAN.name):
+                row = part.loc[part[f"{event}_rate"].idxmax()]
+                seen = row[f"{event}_rate"] > 0
+                model = f"{row.noise}, the most" if seen else "any other model"
+                under = GAUSSIAN.name if row.noise == GAUSSIAN.name else model
+                parts.append(f"{event_text(row, event)}{f' at {row.fault}' if seen else ''} with {under}")
+            clauses.append(f"{method_label(str(name))} {', '.join(parts)}")
+        sentences.append(f"{means.format(val=val_m)}, at the worst fault: {'; '.join(clauses)}.")
+    return tuple(sentences)
+
+
+def _rates(rows: pd.DataFrame) -> TextTable:
+    faults = list(dict.fromkeys(rows.fault))
+    cells = [
+        [*key, *map(_rate, group.set_index("fault").loc[faults].reset_index().itertuples())]
+        for key, group in rows.groupby(["noise", "method"], sort=False)
+    ]
+    return TextTable.of(["noise", "method", *map(fault_words, faults)], cells)
+
+
+def _rate(row: Any) -> str:
+    text = rate_text(int(row.count), int(row.draws), row.low, row.high)
+    certain = abs(row.factor - 1.0) < 5e-4 and row.rate > 0.99
+    if row.noise == GAUSSIAN.name or certain:
+        return text
+    if np.isfinite(row.factor):
+        return f"{text} (x{_short(row.factor)} [{_short(row.factor_low)}, {_short(row.factor_high)}])"
+    return f"{text} (> x{_short(row.factor_low)})" if np.isfinite(row.factor_low) else text
+
+
+def _short(value: float) -> str:
+    if not np.isfinite(value):
+        return "?"
+    return f"{value:.3g}" if value < 1e4 else f"{value:.1e}"
+
+
+def _risk_table(risks: pd.DataFrame) -> TextTable:
+    rows = []
+    for row in risks.itertuples():
+        number = f"[{row.low:.1e}, {row.high:.1e}]"
+        if np.isfinite(row.probability):
+            number = f"{row.probability:.2e} [{row.low:.2e}, {row.high:.2e}]"
+        rows.append([row.noise, row.method, row.fault, number, row.estimator, row.warning or "-"])
+    return TextTable.of(["noise", "method", "fault", "probability [95 %]", "by", "warning"], rows)
+
+
+def _exposures(rows: pd.DataFrame, assumed: int) -> Summary:
+    methods, first = list(dict.fromkeys(rows.method)), rows.iloc[0]
+    cases = list(product(dict.fromkeys(rows.fault), methods))
+    by_case = rows.set_index(["tau_s", "fault", "method"]).sort_index()
+    cells = [
+        [f"{tau:g}", *(_exposure(by_case.loc[tau, *case]) for case in cases)] for tau in dict.fromkeys(rows.tau_s)
+    ]
+    budget = [
+        f"{percent(assumed_share(rows[(rows.fault == fault) & (rows.method == method)], assumed))} %"
+        for fault, method in cases
+    ]
+    header = ["tau [s]", *(f"{fault_words(fault)}, {method}" for fault, method in cases)]
+    return (
+        f"{int(first.samples)} samples an exposure, {int(first.exposures):,} exposures a cell; m is the number of "
+        "independent samples that would have the same share (95 %; from ten exposures with the event on). Last "
+        f"line: what the rate per sample, pooled over all lines, gives with {assumed} independent samples. "
+        f"{method_key(methods)}",
+        TextTable.of(header, [*cells, [f"{assumed} independent", *budget]]),
+    )
+
+
+def _exposure(row: pd.Series) -> str:
+    share = rate_text(int(row.exposures_with), int(row.exposures), row.any_low, row.any_high)
+    if not np.isfinite(row.effective_low):
+        return share
+    return f"{share}; m = {row.effective_samples:.3g} [{row.effective_low:.3g}, {row.effective_high:.3g}]"

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator, Mapping, Sequence
 from functools import partial
 from pathlib import Path
 from typing import Literal
@@ -15,11 +15,13 @@ from pl_mc.alert import AlertLimits
 from pl_mc.engine import Execution, solve
 from pl_mc.geometry import Geometry
 from pl_mc.geometry.gps_time import gps_dates
-from pl_mc.injection import inject, parse_injection
+from pl_mc.injection import Injection, inject, parse_injection
 from pl_mc.receiver import read_receiver_series, read_truth
-from pl_mc.report.figures import in_common_look, limit_line, method_label, new_figure, series_style, shade
-from pl_mc.report.findings import Findings, Picture, Table
-from pl_mc.studies.observe.text import summary
+from pl_mc.report.accuracy import DIRECTIONS, ERRORS, accuracy_m
+from pl_mc.report.document import Summary, TextTable
+from pl_mc.report.figures import limit_line, method_label, new_figure, series_style, shade
+from pl_mc.report.findings import Findings, Table, picture
+from pl_mc.report.text import metres, share_of, share_text
 from pl_mc.studies.spec import Experiment, ReceiverFiles
 from pl_mc.studies.study import Check, Work, refuse
 
@@ -46,24 +48,19 @@ def run(experiment: ObserveExperiment, execution: Execution) -> Findings:
     """Every epoch by every method, and the errors over the epochs."""
     injections = [parse_injection(text) for text in experiment.faults]
     series = read_receiver_series(
-        experiment.observations,
-        experiment.navigation,
-        read_truth(experiment.truth),
-        systems=experiment.systems,
-        mask_deg=experiment.mask_deg,
-        error_model=experiment.model(),
-    )
+        experiment.observations, experiment.navigation, read_truth(experiment.truth), systems=experiment.systems,
+        mask_deg=experiment.mask_deg, error_model=experiment.model(),
+    )  # fmt: skip
     g = series.geometry
     errors_m, faulted, notes = inject(g, series.errors_m, injections)
     alert = experiment.alert_limits()
     table = solve(g, errors_m, methods=experiment.method_records(), alert=alert, precision=experiment.precision)
     table["faulted"] = table.epoch.map(pd.Series(faulted, index=g.epoch))
     table.insert(1, "time", gps_dates(table.pop("time_gps_s")))
-    figure = error_figure(table, alert=alert, title=experiment.title)
     return Findings(
         summary=summary(experiment, table, injections),
         tables=(Table("epochs", table, stored="both"),),
-        pictures=(Picture("epochs", figure, "Position errors and protection levels over the epochs."),),
+        pictures=(error_figure(table, alert=alert, title=experiment.title),),
         notes=(*series.notes, *notes),
     )
 
@@ -80,7 +77,68 @@ def checks(experiment: ObserveExperiment, g: Geometry | None) -> Iterator[Check]
             yield field, partial(refuse, f"{field}: {path}: there is no such file.")
 
 
-@in_common_look
+def summary(experiment: ObserveExperiment, table: pd.DataFrame, injections: Sequence[Injection]) -> Summary:
+    """The blocks of the summary; ``table`` is that of the epochs."""
+    alert, first = experiment.alert_limits(), table.drop_duplicates("epoch")
+    count = first.satellites
+    accuracy = []
+    for method, group in table.groupby("method", sort=False):
+        largest = group.loc[group.available, ERRORS].abs().max()
+        for direction, lengths, most in zip(DIRECTIONS, accuracy_m(table, str(method)), largest, strict=True):
+            accuracy.append([method, direction, *map(metres, (*lengths, most))])
+    injected = f" Injected: {'; '.join(map(str, injections))}." if injections else ""
+    return (
+        f"{len(first)} epochs from {first.time.iloc[0]} to {first.time.iloc[-1]} (GPS time), systems "
+        f"{', '.join(experiment.systems)}, mask {experiment.mask_deg:g} deg, error model "
+        f"{experiment.error_model}, {count.min()}-{count.max()} satellites (mean {count.mean():.1f}). Alert "
+        f"limit: {alert.name}, VAL {metres(alert.vertical_m)} m.{injected}",
+        "Position errors over all available epochs [m]:",
+        TextTable.of(["method", "direction", "95 %", "RMS", "largest"], accuracy),
+        "Alarms and errors beyond the protection level, epochs and rates:",
+        _alarms(table, alert.vertical_m),
+        "Intervals are 95 % Clopper-Pearson bounds; they take epochs as independent, but the errors of a real "
+        "receiver are correlated over minutes, so the true uncertainty is larger.",
+        "; ".join(f"{name}: {method_label(name)}" for name in table.method.unique()) + ".",
+    )
+
+
+def answer(tables: Mapping[str, pd.DataFrame], experiment: ObserveExperiment) -> tuple[str, ...]:
+    """Errors, alarms, errors beyond the level."""
+    table = tables["epochs"]
+    errors, alarms, outside = [], [], []
+    for name, group in table.groupby("method", sort=False):
+        label, known = method_label(str(name)), group[group.available]
+        quantile, rms = accuracy_m(table, str(name))[DIRECTIONS.index("U")]
+        epochs = f"{len(known):,} of {len(group):,} epochs"
+        errors.append(f"{label} {metres(rms)} m rms, {metres(quantile)} m 95 % in {epochs}")
+        alarms.append(f"{label} in {share_of(int(group.alarm.sum()), len(group))}")
+        unnoticed = (known.up_m.abs() > known.vpl_m) & ~known.alarm
+        outside.append(f"{label} in {share_of(int(unnoticed.sum()), len(known))}")
+    return (
+        f"Vertical errors: {'; '.join(errors)}.",
+        f"Alarms: {'; '.join(alarms)} epochs.",
+        f"Vertical error beyond the protection level without alarm: {'; '.join(outside)} epochs; epochs of a real "
+        "receiver are correlated, so the true uncertainty is larger than these bounds.",
+    )
+
+
+def _alarms(table: pd.DataFrame, val_m: float) -> TextTable:
+    rows = []
+    for method, group in table.groupby("method", sort=False):
+        for faulted, part in group.groupby("faulted"):
+            beyond = part.available & (part.up_m.abs() > part.vpl_m)
+            events = (part.alarm, beyond, beyond & ~part.alarm, part.up_m.abs() > val_m)
+            label = "with injected fault" if faulted else "as observed"
+            cells = [method, label, len(part), (~part.available).sum(), *map(share_text, events)]
+            rows.append([*cells, metres(part.vpl_m.median()), metres(part.hpl_m.median())])
+    header = [
+        "method", "epochs", "number", "unavailable", "alarm", "U beyond VPL", "U beyond VPL, no alarm",
+        "U beyond VAL", "median VPL [m]", "median HPL [m]",
+    ]  # fmt: skip
+    return TextTable.of(header, rows)
+
+
+@picture("epochs", "Position errors and protection levels over the epochs.")
 def error_figure(table: pd.DataFrame, *, alert: AlertLimits, title: str) -> Figure:
     """East, north and up errors and VPL against the epoch, method by method, faulted epochs shaded.
 

@@ -7,9 +7,6 @@ from pl_mc.studies.readings.run import ReadingsExperiment, answer, run, work
 from pl_mc.studies.study import Study
 
 STUDY = Study(
-    model=ReadingsExperiment,
+    model=ReadingsExperiment, run=run, answer=answer, work=work,
     question="What the paper leaves open can be read in several ways: which reading comes near its table?",
-    run=run,
-    answer=answer,
-    work=work,
-)
+)  # fmt: skip

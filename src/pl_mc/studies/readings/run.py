@@ -14,7 +14,7 @@ from numpy.typing import ArrayLike
 from pydantic import Field
 
 from pl_mc.engine import Execution
-from pl_mc.report.document import Block, Paragraph, TextTable
+from pl_mc.report.document import Summary, TextTable
 from pl_mc.report.findings import Findings, Table
 from pl_mc.report.text import metres, percent
 from pl_mc.studies.series.run import SeriesExperiment, draw_rows, solved
@@ -63,18 +63,11 @@ class ReadingsExperiment(Experiment):
 
     def series(self, reading: Reading) -> SeriesExperiment:
         """The series of one reading; an `InputError` names an unsound field."""
-        content = {
-            "kind": "series",
-            "title": f"{self.title}: {reading.label}",
-            "alert": self.alert,
-            "seed": self.seed,
-            "precision": self.precision,
-            "source": self.source | reading.source,
-            "faults": self.faults | reading.faults,
-            "compare": self.compare,
-            "redraws": self.redraws,
+        content = self.model_dump(include={"alert", "seed", "precision", "compare", "redraws"}) | {
+            "kind": "series", "title": f"{self.title}: {reading.label}",
+            "source": self.source | reading.source, "faults": self.faults | reading.faults,
             "methods": [{"name": "ls"}, {"name": "igg3"} | reading.igg3],
-        }
+        }  # fmt: skip
         made = validated(SeriesExperiment, content, source=f"readings, {reading.label}")
         assert isinstance(made, SeriesExperiment)
         return made
@@ -127,22 +120,18 @@ def distance_table(draws: pd.DataFrame, before_m: ArrayLike, after_m: ArrayLike)
         for role, part in group.groupby("role", sort=False):
             log_ratio = np.log(part[ACCURACY_COLUMNS].to_numpy() / paper[str(role)])
             factor = np.exp(np.sqrt((log_ratio**2).mean(axis=1)))
-            row |= {
-                f"{role}_factor": np.median(factor),
-                f"{role}_factor_low": factor.min(),
-                f"{role}_factor_high": factor.max(),
-                f"{role}_up_95_m": part.up_95_m.median(),
-                f"{role}_up_rms_m": part.up_rms_m.median(),
-                f"{role}_alarm_rate": part.alarms.sum() / part.faulted_epochs.sum(),
-                f"{role}_unavailable_rate": part.unavailable.sum() / part.faulted_epochs.sum(),
-                f"{role}_median_clean_vpl_m": part.median_clean_vpl_m.median(),
-                f"{role}_clean_alarm_rate": part.clean_alarm_rate.mean(),
-            }
+            numbers = {"factor": np.median(factor), "factor_low": factor.min(), "factor_high": factor.max()}
+            numbers |= {name: part[name].median() for name in ("up_95_m", "up_rms_m")}
+            for rate, count in (("alarm_rate", "alarms"), ("unavailable_rate", "unavailable")):
+                numbers[rate] = part[count].sum() / part.faulted_epochs.sum()
+            numbers["median_clean_vpl_m"] = part.median_clean_vpl_m.median()
+            numbers["clean_alarm_rate"] = part.clean_alarm_rate.mean()
+            row |= {f"{role}_{name}": number for name, number in numbers.items()}
         rows.append(row)
     return pd.DataFrame(rows)
 
 
-def summary(experiment: ReadingsExperiment, distances: pd.DataFrame) -> tuple[Block, ...]:
+def summary(experiment: ReadingsExperiment, distances: pd.DataFrame) -> Summary:
     """Each reading's distance from the paper's table, and what it does to alarms.
 
     ``distances`` is from `distance_table`.
@@ -153,15 +142,10 @@ def summary(experiment: ReadingsExperiment, distances: pd.DataFrame) -> tuple[Bl
         words = percent if column.endswith("rate") else metres
         return f"{words(row[f'before_{column}'])} -> {words(row[f'after_{column}'])}"
 
-    def factor(row: Mapping[str, Any], role: str) -> str:
-        return f"{row[f'{role}_factor']:.2f} ({row[f'{role}_factor_low']:.2f}-{row[f'{role}_factor_high']:.2f})"
-
     rows = [
-        [
-            row["varies"], row["reading"], factor(row, "before"), factor(row, "after"), change(row, "up_95_m"),
-            change(row, "up_rms_m"), change(row, "alarm_rate"), percent(row["after_unavailable_rate"]),
-            change(row, "median_clean_vpl_m"),
-        ]
+        [row["varies"], row["reading"], _factor(row, "before", ".2f", "-"), _factor(row, "after", ".2f", "-"),
+         *(change(row, column) for column in ("up_95_m", "up_rms_m", "alarm_rate")),
+         percent(row["after_unavailable_rate"]), change(row, "median_clean_vpl_m")]
         for row in distances.to_dict("records")
     ]  # fmt: skip
     printed = [f"{metres(b)} -> {metres(a)}" for b, a in zip(paper.before_m[2], paper.after_m[2], strict=True)]
@@ -172,17 +156,13 @@ def summary(experiment: ReadingsExperiment, distances: pd.DataFrame) -> tuple[Bl
     ]  # fmt: skip
     nearest = distances.loc[distances.after_factor.idxmin()]
     return (
-        Paragraph(
-            f"Each reading changes one thing of the base (first row). {experiment.redraws + 1} draws of "
-            "satellites, sizes and noise; medians, with the smallest and largest in brackets. Before: least "
-            "squares; after: IGG-III. The factor, exp(rms ln(ours / paper)), is the typical one between our six "
-            f"values and the paper's column of table {paper.table}; 1 would be every value met."
-        ),
+        f"Each reading changes one thing of the base (first row). {experiment.redraws + 1} draws of "
+        "satellites, sizes and noise; medians, with the smallest and largest in brackets. Before: least "
+        "squares; after: IGG-III. The factor, exp(rms ln(ours / paper)), is the typical one between our six "
+        f"values and the paper's column of table {paper.table}; 1 would be every value met.",
         TextTable.of(header, rows),
-        Paragraph(
-            f"Nearest after: {nearest['reading']} ({nearest['after_factor']:.2f}). What n is in n - t touches "
-            "protection levels alone, so the paper's table of errors cannot tell those readings apart."
-        ),
+        f"Nearest after: {nearest['reading']} ({nearest['after_factor']:.2f}). What n is in n - t touches "
+        "protection levels alone, so the paper's table of errors cannot tell those readings apart.",
     )
 
 
@@ -190,14 +170,16 @@ def answer(tables: Mapping[str, pd.DataFrame], experiment: ReadingsExperiment) -
     """How near the base comes, which reading comes nearest, which one stays farthest."""
     table = tables["distances"]
     base, near, far = table.iloc[0], table.loc[table.after_factor.idxmin()], table.loc[table.after_factor.idxmax()]
-
-    def factor(row: pd.Series, role: str = "after") -> str:
-        return f"{row[f'{role}_factor']:.3g} ({row[f'{role}_factor_low']:.3g} to {row[f'{role}_factor_high']:.3g})"
-
     return (
         f"The base reading ({base.reading}) meets the paper's robust column within a typical factor of "
-        f"{factor(base)} and its least-squares column within {factor(base, 'before')}; 1 would be every value met.",
+        f"{_factor(base)} and its least-squares column within {_factor(base, 'before')}; 1 would be every value "
+        "met.",
         f"Nearest of {len(table)} readings in the robust column is {near.varies}: {near.reading}, at "
-        f"{factor(near)}.",
-        f"Farthest is {far.varies}: {far.reading}, at {factor(far)}.",
+        f"{_factor(near)}.",
+        f"Farthest is {far.varies}: {far.reading}, at {_factor(far)}.",
     )
+
+
+def _factor(row: Any, role: str = "after", form: str = ".3g", between: str = " to ") -> str:
+    value, low, high = (format(row[f"{role}_factor{end}"], form) for end in ("", "_low", "_high"))
+    return f"{value} ({low}{between}{high})"

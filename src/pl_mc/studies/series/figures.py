@@ -13,8 +13,8 @@ from matplotlib.ticker import MaxNLocator
 
 from pl_mc.alert import AlertLimits
 from pl_mc.report.accuracy import DIRECTIONS, ERRORS
-from pl_mc.report.figures import in_common_look, method_label, new_figure, shade
-from pl_mc.studies.series.text import short_label
+from pl_mc.report.figures import in_common_look, method_label, new_figure, shade, short_label
+from pl_mc.report.findings import picture
 
 # First and last epoch of each window with faults.
 Windows = Sequence[tuple[int, int]]
@@ -81,16 +81,14 @@ def levels_figure(table: pd.DataFrame, *, windows: Windows, alert: AlertLimits, 
     val_m = alert.vertical_m
     axes.axhline(val_m, color="0.1", linewidth=1.3, linestyle=(0, (6, 2)), label=f"VAL {val_m:g} m")
     known = table.vpl_m[np.isfinite(table.vpl_m) & (table.vpl_m > 0)]
-    low, high = 1.0, 2 * val_m
-    if len(known):
-        low, high = min(known.min(), val_m) / 1.2, max(known.max(), val_m) * 1.2
+    low, high = (min(known.min(), val_m) / 1.2, max(known.max(), val_m) * 1.2) if len(known) else (1.0, 2 * val_m)
     axes.set(yscale="log", ylabel="VPL [m]", ylim=(low, high))
     _label_ticks(axes, (0.1, 0.2, 0.5, 1, 2, 5, 10, 20, 50, 100, 200, 500, 1000, 2000, 5000), low, high)
     axes.legend(ncols=4, **_ABOVE)
     return figure
 
 
-@in_common_look
+@picture("flight", "The flight: track, height and bank angle.")
 def flight_figure(flight: pd.DataFrame, *, title: str) -> Figure:
     """The flight seen from above, and its height and bank against the epoch.
 

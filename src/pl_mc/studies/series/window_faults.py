@@ -22,8 +22,6 @@ from pl_mc.studies.spec import Strict
 # Faults draw from the stream of an epoch number that no series reaches, so that they share nothing with the noise.
 FAULT_STREAM = 2**32 - 1
 
-_CHOICE, _SIZE, _SIGN = range(3)
-
 Epoch = Annotated[int, Field(ge=0)]
 
 
@@ -119,9 +117,8 @@ class WindowFaults(Strict):
                     size_m = np.where(sign[:, satellite] < 0.5, -size_m, size_m)
                 row = np.argmax((g.satellite[places] == satellite) & g.in_view[places], axis=1)
                 bias_m[places, row] = size_m
-                parts.append(
-                    pd.DataFrame({"epoch": g.epoch[places], "satellite": g.names[satellite], "bias_m": size_m})
-                )
+                columns = {"epoch": g.epoch[places], "satellite": g.names[satellite], "bias_m": size_m}
+                parts.append(pd.DataFrame(columns))
             faulted[places] = True
             chosen.append(tuple(g.names[k] for k in picked))
         listed = pd.concat(parts).sort_values("epoch", kind="stable").reset_index(drop=True)
@@ -150,15 +147,13 @@ def _uniforms(
     seed: int, redraw: int, window: int, satellites: int, epochs: int
 ) -> tuple[NDArray[np.float64], NDArray[np.float64], NDArray[np.float64]]:
     """Uniform numbers of one window: an order of all satellites (m,), sizes (epochs, m), signs (epochs, m)."""
+    shapes = ((satellites,), (epochs, satellites), (epochs, satellites))
     with precision_scope("float64"):
         stream = epoch_key(jnp.uint32(seed), jnp.uint32(FAULT_STREAM))
         key = jax.random.fold_in(jax.random.fold_in(stream, np.uint32(redraw)), np.uint32(window))
-
-        def uniform(purpose: int, shape: tuple[int, ...]) -> NDArray[np.float64]:
-            return np.asarray(jax.random.uniform(jax.random.fold_in(key, np.uint32(purpose)), shape, np.float64))
-
-        return (
-            uniform(_CHOICE, (satellites,)),
-            uniform(_SIZE, (epochs, satellites)),
-            uniform(_SIGN, (epochs, satellites)),
+        keys = [jax.random.fold_in(key, np.uint32(purpose)) for purpose in range(3)]
+        order, sizes, signs = (
+            np.asarray(jax.random.uniform(part, shape, np.float64))
+            for part, shape in zip(keys, shapes, strict=True)
         )
+    return order, sizes, signs

@@ -4,26 +4,24 @@ from __future__ import annotations
 
 import re
 from collections.abc import Mapping
-from typing import TYPE_CHECKING, Any
+from functools import partial
+from typing import Any
 
 import pandas as pd
 
 from pl_mc.alert import AlertLimits
-from pl_mc.noise_models import GAUSSIAN
-from pl_mc.report.document import Block, Bullets, Paragraph, TextTable
+from pl_mc.report.document import Block, Bullets, Summary, TextTable
 from pl_mc.report.figures import method_label
-from pl_mc.report.text import method_key, percent
+from pl_mc.report.text import by_method, method_key, percent
 from pl_mc.service.counting import COVERED
-
-if TYPE_CHECKING:
-    from pl_mc.service.volume import ServiceVolume
-    from pl_mc.studies.service.run import ServiceExperiment
+from pl_mc.service.volume import ServiceVolume
+from pl_mc.studies.spec import Experiment
 
 # Sites of a list in the summary; the file holds more.
 _LISTED = 5
 
 
-def summary(experiment: ServiceExperiment, volume: ServiceVolume, worst: pd.DataFrame) -> tuple[Block, ...]:
+def summary(setting: str, volume: ServiceVolume, worst: pd.DataFrame) -> Summary:
     """Rates over the world by operation and method, continuity, and the sites of the table ``worst_sites``."""
     noisy, exact = [name for name in volume.methods if name not in volume.exact], ", ".join(volume.exact)
     # Operations in their order, methods within them in theirs.
@@ -38,13 +36,11 @@ def summary(experiment: ServiceExperiment, volume: ServiceVolume, worst: pd.Data
             f"{'; for' if noisy else 'For'} {exact} bounds of the availability are those of the moments within a "
             "step at which service may change, and continuity has none"
         )
-    blocks: list[Block] = [
-        Paragraph(_setting(experiment, volume, noisy, exact)),
-        Paragraph(
-            "Availability: share of area and time in which VPL and HPL are within the limits, weighted with area; "
-            f"coverage: share of the area whose sites have {100 * COVERED:g} % or more. {bounds}; that users stand "
-            "on a grid is in none of them."
-        ),
+    blocks: list[Block | str] = [
+        setting,
+        "Availability: share of area and time in which VPL and HPL are within the limits, weighted with area; "
+        f"coverage: share of the area whose sites have {100 * COVERED:g} % or more. {bounds}; that users stand "
+        "on a grid is in none of them.",
         TextTable.of(
             ["operation", "method", "availability", "coverage", "worst site"],
             [
@@ -56,52 +52,43 @@ def summary(experiment: ServiceExperiment, volume: ServiceVolume, worst: pd.Data
     ]  # fmt: skip
     labels = durations_of(volume.world)
     if labels:
+        seconds = [label.removesuffix("s") for label in labels]
+        rows = []
+        for limits, row in world:
+            started, stayed = _started_and_stayed(row, labels[-1])
+            lost = [*(_lost(row, label) for label in labels), f"{started - stayed:,} of {started:,}"]
+            rows.append([limits.name, method_label(row.method), *lost])
         blocks += [
-            Paragraph(
-                "Operations that start available and do not stay so; and the count behind those of "
-                f"{labels[-1].removesuffix('s')} s: starts with service without it at a following epoch, "
-                f"{volume.step_s:g} s apart. ICAO Annex 10 asks approaches for 1 - 8e-6 in 15 s: no more than "
-                "8e-4 % lost, from all causes."
-            ),
-            TextTable.of(
-                ["operation", "method", *(f"lost within {label.removesuffix('s')} s" for label in labels), "count"],
-                [
-                    [limits.name, method_label(row.method), *(_lost(row, label) for label in labels),
-                     _lost_count(row, labels[-1])]
-                    for limits, row in world
-                ],
-            ),
-        ]  # fmt: skip
-    if len(worst):
-        blocks += [
-            Paragraph("Sites with the lowest availability, the worst first:"),
-            Bullets(tuple(item for limits, row in world if (item := _worst_list(limits, row, worst)))),
+            f"Operations that start available and do not stay so; and the count behind those of {seconds[-1]} s: "
+            f"starts with service without it at a following epoch, {volume.step_s:g} s apart. ICAO Annex 10 asks "
+            "approaches for 1 - 8e-6 in 15 s: no more than 8e-4 % lost, from all causes.",
+            TextTable.of(["operation", "method", *(f"lost within {s} s" for s in seconds), "count"], rows),
         ]
+    if len(worst):
+        lists = (_worst_list(limits, row, worst) for limits, row in world)
+        blocks += ["Sites with the lowest availability, the worst first:", Bullets(tuple(filter(None, lists)))]
     labelled = [name for name in volume.methods if method_label(name) != name]
-    return (*blocks, Paragraph(method_key(labelled))) if labelled else tuple(blocks)
+    return (*blocks, method_key(labelled)) if labelled else tuple(blocks)
 
 
-def answer(tables: Mapping[str, pd.DataFrame], experiment: ServiceExperiment) -> tuple[str, ...]:
+def answer(tables: Mapping[str, pd.DataFrame], experiment: Experiment) -> tuple[str, ...]:
     """Availability by method, coverage with the worst place, and continuity."""
     table, alert = tables["world"], experiment.alert_limits()
     rows = list(table[table.operation == alert.name].itertuples())
-    available = "; ".join(f"{method_label(row.method)} {_part(row, 'availability')}" for row in rows)
-    covered = "; ".join(
-        f"{method_label(row.method)} {_coverage(row)}"
-        + (
-            f", the worst being {_worst_place(row)} with {percent(row.worst_rate)} %"
-            if row.worst_rate < 1.0
-            else ""
-        )
-        for row in rows
-    )
+    available = by_method(rows, partial(_part, what="availability"))
+
+    def covered(row: Any) -> str:
+        worst = f", the worst being {_worst_place(row)} with {percent(row.worst_rate)} %"
+        return _coverage(row) + (worst if row.worst_rate < 1.0 else "")
+
     sentences = [
         f"{alert.name} (VAL {alert.vertical_m:g} m, HAL {alert.horizontal_m:g} m) is available in this share of "
         f"area and time: {available}.",
-        f"Sites with {100 * COVERED:g} % or more of the day make up this share of the area: {covered}.",
+        f"Sites with {100 * COVERED:g} % or more of the day make up this share of the area: "
+        f"{by_method(rows, covered)}.",
     ]
     for label in durations_of(table)[-1:]:
-        lost = "; ".join(f"{method_label(row.method)} {_lost(row, label)}" for row in rows)
+        lost = by_method(rows, partial(_lost, label=label))
         sentences.append(
             f"Of operations of {label.removesuffix('s')} s that start available, these do not stay so, as far as "
             f"the epochs of the grid tell: {lost}."
@@ -118,21 +105,6 @@ def durations_of(table: pd.DataFrame) -> list[str]:
 def rows_of(table: pd.DataFrame, method: str, operation: str) -> pd.DataFrame:
     """The rows of one method and operation."""
     return table[(table.method == method) & (table.operation == operation)]
-
-
-def _setting(experiment: ServiceExperiment, volume: ServiceVolume, noisy: list[str], exact: str) -> str:
-    epochs, sites = len(volume.time_gps_s), len(volume.grid)
-    scenarios = f"{epochs * sites * volume.draws:,} scenarios for {', '.join(noisy)}" if noisy else ""
-    counted = filter(None, (scenarios, f"one for each geometry for {exact}" if exact else ""))
-    law = "" if volume.noise == GAUSSIAN.name else f", noise {volume.noise}"
-    off = f", without {', '.join(experiment.without)}" if experiment.without else ""
-    fewest, mean = volume.satellites.satellites_min.min(), volume.satellites.satellites_mean
-    return (
-        f"{sites:,} users in cells of {volume.grid.step_deg:g} deg, {epochs} epochs of {volume.step_s:g} s from "
-        f"{experiment.start}; {', '.join(experiment.constellations)}{off}, {experiment.mask_deg:g} deg mask, error "
-        f"model {experiment.error_model}{law}, seed {volume.seed}: {'; '.join(counted)}. Satellites in view: "
-        f"{fewest} at least, {(volume.grid.weight * mean).sum():.1f} on average."
-    )
 
 
 def _part(row: Any, what: str) -> str:
@@ -169,11 +141,6 @@ def _lost(row: Any, label: str) -> str:
     if started == stayed:
         return f"none (< {percent(high)} %)"
     return f"{percent(rate)} % [{percent(max(low, 0.0))}, {percent(high)}]"
-
-
-def _lost_count(row: Any, label: str) -> str:
-    started, stayed = _started_and_stayed(row, label)
-    return f"{started - stayed:,} of {started:,}"
 
 
 def _started_and_stayed(row: Any, label: str) -> tuple[int, int]:

@@ -1,15 +1,10 @@
 """Ramps in time: errors that grow on one satellite, and how long they stay unseen."""
 
 from pl_mc.studies.study import Study
-from pl_mc.studies.time_ramps.run import TimeRampsExperiment, checks, run, work
-from pl_mc.studies.time_ramps.text import answer
+from pl_mc.studies.time_ramps.run import TimeRampsExperiment, answer, checks, run, work
 
 STUDY = Study(
-    model=TimeRampsExperiment,
+    model=TimeRampsExperiment, run=run, answer=answer, work=work, checks=checks,
     question="How long does an error that grows on one satellite stay unseen, by tests of single epochs and by "
     "sequential ones?",
-    run=run,
-    answer=answer,
-    work=work,
-    checks=checks,
-)
+)  # fmt: skip

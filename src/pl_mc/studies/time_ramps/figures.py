@@ -15,8 +15,10 @@ from matplotlib.lines import Line2D
 from matplotlib.ticker import FixedLocator, FuncFormatter, NullLocator
 
 from pl_mc.alert import AlertLimits
-from pl_mc.report.figures import SeriesStyle, in_common_look, limit_line, new_figure, series_style
-from pl_mc.studies.time_ramps.text import LIMITS_S, same_methods
+from pl_mc.report.figures import SeriesStyle, bar_lengths, legend_key, limit_line, new_figure, series_style
+from pl_mc.report.findings import picture
+from pl_mc.report.text import grouped
+from pl_mc.time_ramps.timing import LIMITS_S
 
 # More methods than the common look has styles for.
 _FURTHER = (
@@ -25,10 +27,21 @@ _FURTHER = (
     SeriesStyle("#882255", "-.", "<"),
     SeriesStyle("#44AA99", "--", ">"),
 )
-_COMMON = 6
+_UNSEEN: Any = {"color": "0.45", "linestyle": "", "marker": "v", "markerfacecolor": "none"}
 
 
-@in_common_look
+def same_methods(table: pd.DataFrame) -> list[tuple[str, ...]]:
+    """Methods in order, those together whose counts and quantiles are the same in every row."""
+    left = [column for column in table.columns if column not in ("method", "threshold")]
+    # Equal but for rounding.
+    counted = (
+        (tuple(f"{value:.9g}" for value in rows[left].to_numpy().flat), str(name))
+        for name, rows in table.groupby("method", sort=False)
+    )
+    return [tuple(names) for names in grouped(counted).values()]
+
+
+@picture("time_to_alert", "Error at the alarm, and its delay after the hazard begins, by the rate of the ramp.")
 def alert_figure(table: pd.DataFrame, *, alert: AlertLimits, title: str) -> Figure:
     """The median error at the alarm, and the delay of the alarm that 95 % of passes keep, against the rate.
 
@@ -42,7 +55,7 @@ def alert_figure(table: pd.DataFrame, *, alert: AlertLimits, title: str) -> Figu
     )
     for tau, upper, lower in zip(taus, axes, axes[len(taus) :], strict=False):
         for number, group in enumerate(groups):
-            rows, style = ramps[(ramps.tau_s == tau) & (ramps.method == group[0])], _style(number)
+            rows, style = ramps[(ramps.tau_s == tau) & (ramps.method == group[0])], series_style(number, _FURTHER)
             heard = rows[rows.detected_rate >= 0.5]
             _line(upper, heard.rate_m_per_s, heard.error_at_alert_50_m, style)
             kept = rows[np.isfinite(rows.alert_after_hazard_95_s)]
@@ -57,17 +70,13 @@ def alert_figure(table: pd.DataFrame, *, alert: AlertLimits, title: str) -> Figu
         # Room for the names of the limits.
         lower.set_xlim(0.75 * float(ramps.rate_m_per_s.min()), 2.6 * float(ramps.rate_m_per_s.max()))
         for limit in LIMITS_S:
-            lower.axhline(limit, color="0.15", linewidth=0.9, linestyle=(0, (6, 2)), zorder=1.5)
-            lower.annotate(
-                f"{limit} s", xy=(0.995, limit), xycoords=("axes fraction", "data"), ha="right", va="bottom",
-                fontsize=7.5, color="0.15",
-            )  # fmt: skip
+            limit_line(lower, limit, f"{limit} s", width=0.9, shift=(0, 0), fontsize=7.5)
     _plain_ticks(axes[0].yaxis, (2, 5, 10, 20, 50, 100, 200, 500))
     _legend(figure, groups)
     return figure
 
 
-@in_common_look
+@picture("late_alerts", "How often the alarm comes later than 6, 10 and 30 s after the hazard begins.")
 def late_figure(table: pd.DataFrame, *, title: str) -> Figure:
     """The share of passes whose alarm is later than each limit after the error passed VAL, against the rate.
 
@@ -81,36 +90,27 @@ def late_figure(table: pd.DataFrame, *, title: str) -> Figure:
     )  # fmt: skip
     for panel, (tau, limit) in zip(axes, ((tau, limit) for tau in taus for limit in LIMITS_S), strict=True):
         for number, group in enumerate(groups):
-            rows, style = ramps[(ramps.tau_s == tau) & (ramps.method == group[0])], _style(number)
+            rows, style = ramps[(ramps.tau_s == tau) & (ramps.method == group[0])], series_style(number, _FURTHER)
             seen = rows[f"late_{limit}"] > 0
             # A line ends where nothing was seen.
             value = rows[f"late_{limit}_rate"].where(seen)
-            panel.errorbar(
-                rows.rate_m_per_s, value,
-                yerr=[value - rows[f"late_{limit}_low"], rows[f"late_{limit}_high"] - value], fmt="none",
-                ecolor=style.colour, elinewidth=0.9, zorder=2.0,
-            )  # fmt: skip
+            bars = bar_lengths(value, rows[f"late_{limit}_low"], rows[f"late_{limit}_high"])
+            look: Any = {"fmt": "none", "ecolor": style.colour, "elinewidth": 0.9, "zorder": 2.0}
+            panel.errorbar(rows.rate_m_per_s, value, yerr=bars, **look)
             _line(panel, rows.rate_m_per_s, value, style)
             # Every method has as many passes, and so the same bound.
             none = rows[~seen]
-            panel.plot(
-                none.rate_m_per_s, none[f"late_{limit}_high"], "v", markersize=5.0, markerfacecolor="none",
-                color="0.45", zorder=1.8,
-            )  # fmt: skip
+            panel.plot(none.rate_m_per_s, none[f"late_{limit}_high"], **_UNSEEN, markersize=5.0, zorder=1.8)
         panel.set(xscale="log", yscale="log", ylim=(0.3 / float(ramps.passes.max()), 1.5))
         panel.set_title(f"{_heading(tau)}: P(alarm later than {limit} s)")
         if tau == taus[-1]:
             panel.set_xlabel("rate of the ramp [m/s]")
-    _legend(figure, groups, unseen=True)
+    _legend(figure, groups, legend_key("none seen: upper bound", markersize=5, **_UNSEEN))
     return figure
 
 
-def _style(number: int) -> SeriesStyle:
-    return series_style(number) if number < _COMMON else _FURTHER[(number - _COMMON) % len(_FURTHER)]
-
-
 def _line(panel: Axes, x: pd.Series, y: pd.Series, style: SeriesStyle) -> None:
-    panel.plot(x, y, style.line, marker=style.marker, markersize=4.2, color=style.colour, linewidth=1.3, zorder=2.5)
+    panel.plot(x, y, **style.look, markersize=4.2, linewidth=1.3, zorder=2.5)
 
 
 def _plain_ticks(axis: Axis, places: Sequence[float]) -> None:
@@ -124,14 +124,7 @@ def _heading(tau: float) -> str:
     return "white errors" if tau == 0 else f"tau {tau:g} s"
 
 
-def _legend(figure: Figure, groups: list[tuple[str, ...]], *, unseen: bool = False) -> None:
-    handles = []
-    for number, group in enumerate(groups):
-        style = _style(number)
-        label = "\n".join(textwrap.wrap(" = ".join(group), 44))
-        look: Any = {"color": style.colour, "linestyle": style.line, "marker": style.marker}
-        handles.append(Line2D([], [], markersize=5, label=label, **look))
-    if unseen:
-        look = {"color": "0.45", "linestyle": "", "marker": "v", "markerfacecolor": "none"}
-        handles.append(Line2D([], [], markersize=5, label="none seen: upper bound", **look))
-    figure.legend(handles=handles, loc="outside lower center", ncols=3)
+def _legend(figure: Figure, groups: list[tuple[str, ...]], *more: Line2D) -> None:
+    names = ["\n".join(textwrap.wrap(" = ".join(group), 44)) for group in groups]
+    keys = [legend_key(name, markersize=5, **series_style(k, _FURTHER).look) for k, name in enumerate(names)]
+    figure.legend(handles=[*keys, *more], loc="outside lower center", ncols=3)

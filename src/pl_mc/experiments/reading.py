@@ -1,0 +1,180 @@
+"""What is made of results folders that are there: the page of a run again, and a comparison of two runs."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import Any
+
+import pandas as pd
+
+from pl_mc.experiments.field_meanings import meanings_of
+from pl_mc.experiments.loading import build_experiment, in_this_version
+from pl_mc.experiments.output import result_folder
+from pl_mc.experiments.running import RunResult
+from pl_mc.input_errors import InputError
+from pl_mc.report.charts import charts_of
+from pl_mc.report.comparison import Comparison, combined_tables, compare_runs, row_name
+from pl_mc.report.document import Document, FigureEntry, TableEntry
+from pl_mc.report.files import from_markdown, write_table
+from pl_mc.report.page import PAGE, PageTable, charts_within_limit, page_table, render, text_table, write_page
+from pl_mc.report.run_folder import MANIFEST, RunFolder, read_run_folder
+from pl_mc.report.text import percent
+from pl_mc.studies.registry import study_of
+from pl_mc.studies.spec import Experiment, kind_of
+
+COMPARE_PAGE = "compare.html"
+
+# Rows of the page of a comparison; all of them are in compare.csv.
+_MOST_ROWS = 2_000
+
+
+def remake_page(folder: Path) -> RunResult:
+    """Write ``report.html`` into a results folder, from what is in it.
+
+    Raises:
+        InputError: a folder without a finished run, or one that cannot be written to, or one of a version that
+            stored no report and whose experiment means nothing today.
+    """
+    run = read_run_folder(folder)
+    document, meanings = run.document, dict[str, str]()
+    try:
+        experiment = build_experiment(run.experiment, source=MANIFEST)
+    except InputError as error:
+        # A run of another version may have fields that this one does not know; the page does without their meaning.
+        if document is None:
+            raise InputError(
+                f"{folder}: it holds no report.json, and its experiment is not one of today, from which the page "
+                f"could be made ({error})."
+            ) from None
+    else:
+        meanings = meanings_of(experiment)
+        document = document or document_of_files(run, experiment)
+    write_page(replace(run, document=document), meanings=meanings)
+    return RunResult(folder=folder, summary=run.summary, notes=run.notes, answer=document.answer, page=PAGE)
+
+
+def document_of_files(run: RunFolder, experiment: Experiment) -> Document:
+    """The document of a run of a version that stored none: nothing is charted, figures have their names.
+
+    Raises:
+        InputError: tables from which this version cannot answer.
+    """
+    study = study_of(experiment)
+    try:
+        answer = study.answer(run.tables, experiment)
+    except (LookupError, AttributeError, TypeError, ValueError) as error:
+        raise InputError(
+            f"{run.folder}: it holds no report.json, and its tables are not those from which this version answers "
+            f"({type(error).__name__}: {error})."
+        ) from None
+    captions = {name: f"{name.replace('_', ' ').capitalize()}." for name in run.figures}
+    return Document(
+        title=run.title,
+        kind=kind_of(experiment),
+        question=study.asks(experiment),
+        answer=answer,
+        notes=run.notes,
+        val_m=experiment.alert_limits().vertical_m,
+        summary=from_markdown(run.summary),
+        tables=tuple(TableEntry(name) for name in run.tables),
+        figures=tuple(FigureEntry(name, said, f"{said} {run.title}.") for name, said in captions.items()),
+    )
+
+
+@dataclass(frozen=True)
+class Compared:
+    """A comparison that is written.
+
+    Attributes:
+        folder: where it is.
+        comparison: what it says.
+    """
+
+    folder: Path
+    comparison: Comparison
+
+    def content(self) -> dict[str, Any]:
+        """The comparison for programs."""
+        found = self.comparison
+        rates = found.rates.astype(object).where(found.rates.notna(), None)
+        return {
+            "folder": str(self.folder),
+            "report": COMPARE_PAGE,
+            "names": list(found.names),
+            "same_noise": found.same_noise,
+            "verdict": found.verdict,
+            "fields": found.fields.to_dict("records"),
+            "rates": rates.to_dict("records"),
+            "notes": list(found.notes),
+        }
+
+
+def write_comparison(first: Path, second: Path, out: Path | None = None) -> Compared:
+    """Compare two runs and write ``compare.html`` and ``compare.csv``.
+
+    Args:
+        first, second: their results folders; differences are second minus first.
+        out: the folder; ``runs/compare-FIRST-SECOND`` unless given. An earlier comparison there is replaced.
+
+    Raises:
+        InputError: folders without a finished run, runs of different kinds, or a place that cannot be written to.
+    """
+    old, new = (
+        replace(run, experiment=in_this_version(run.experiment, source=MANIFEST))
+        for run in map(read_run_folder, (first, second))
+    )
+    found = compare_runs(old, new)
+    names = [run.folder.absolute().name for run in (old, new)]
+    folder = Path("runs") / f"compare-{names[0]}-{names[1]}" if out is None else Path(out)
+    with result_folder(folder, sign=COMPARE_PAGE) as working:
+        write_table(found.rates, working, "compare")
+        (working / COMPARE_PAGE).write_text(comparison_page(old, new, found), encoding="utf-8")
+    return Compared(folder, found)
+
+
+def comparison_page(first: RunFolder, second: RunFolder, found: Comparison) -> str:
+    """The page as text; what is drawn is what a document of the two says, preferably that of the first."""
+    document = first.document or second.document
+    charts: list[dict[str, Any]] = []
+    if document is not None:
+        tables = combined_tables(first, second, found.names)
+        charts = charts_within_limit(charts_of(document.tables, tables, val_m=document.val_m))
+    title, fields = f"fields that differ: {len(found.fields)}", found.fields.to_numpy()
+    return render(
+        COMPARE_PAGE,
+        {
+            "title": f"{found.names[1]} against {found.names[0]}",
+            "runs": list(zip(found.names, (first, second), strict=True)),
+            "found": found,
+            "fields": text_table(title, ("field", *found.names), fields) if len(fields) else None,
+            "rates": _rates(found) if len(found.rates) else None,
+            "charts": charts,
+            "folders": [Path(run.folder).as_posix() for run in (first, second)],
+        },
+    )
+
+
+def _rates(found: Comparison) -> PageTable:
+    """The rates with what differs first, since long tables are cut; all columns are in the file."""
+    order = found.rates.assign(size=found.rates.difference.abs())
+    order = order.sort_values(["differs", "size"], ascending=False, kind="stable")
+    first, second = found.names
+    rows = order.to_dict("records")
+    shown = pd.DataFrame(
+        {
+            "row": [row_name(row) for row in rows],
+            "event": order.event.to_numpy(),
+            first: [_counted(row, "first") for row in rows],
+            second: [_counted(row, "second") for row in rows],
+            **{column: order[column].to_numpy() for column in ("difference", "low", "high")},
+            "differs": order.differs.map({True: "yes", False: ""}).to_numpy(),
+            "interval": order.interval.to_numpy(),
+        }
+    )
+    return page_table(shown, name="compare", rows=_MOST_ROWS)
+
+
+def _counted(row: Mapping[str, Any], side: str) -> str:
+    return f"{percent(row[f'{side}_rate'])} %, {row[f'{side}_count']:,} of {row[f'{side}_draws']:,}"
