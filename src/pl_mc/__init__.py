@@ -16,12 +16,11 @@ if TYPE_CHECKING:
     from pl_mc.faults import Faults, biases, no_fault, ramp, ramps
     from pl_mc.geometry import Geometry, simulate
     from pl_mc.input_errors import InputError
-    from pl_mc.integrity_risk.budget.budget import risk_budget
-    from pl_mc.integrity_risk.k_factor.calibrate import calibrate
-    from pl_mc.integrity_risk.rare.exposure import exposure
-    from pl_mc.integrity_risk.rare.risk import risk
-    from pl_mc.integrity_risk.tuning.tune import tune
-    from pl_mc.integrity_risk.worst.worst_case import worst_case
+    from pl_mc.integrity_risk.budget import risk_budget
+    from pl_mc.integrity_risk.k_factor import calibrate
+    from pl_mc.integrity_risk.rare import exposure, risk
+    from pl_mc.integrity_risk.tuning import tune
+    from pl_mc.integrity_risk.worst import worst_case
     from pl_mc.methods import Igg3 as igg3
     from pl_mc.methods import Ls as ls
     from pl_mc.noise_models import GaussianMixture as gaussian_mixture
@@ -46,11 +45,11 @@ _PUBLIC = {
     "LPV_200": ("pl_mc.alert", "LPV_200"),
     "araim": ("pl_mc.araim", None),
     "biases": ("pl_mc.faults", "biases"),
-    "calibrate": ("pl_mc.integrity_risk.k_factor.calibrate", "calibrate"),
+    "calibrate": ("pl_mc.integrity_risk.k_factor", "calibrate"),
     "detect": ("pl_mc.engine", "detect"),
     "error_model": ("pl_mc.error_models", "error_model"),
     "exact": ("pl_mc.statistics.exact", None),
-    "exposure": ("pl_mc.integrity_risk.rare.exposure", "exposure"),
+    "exposure": ("pl_mc.integrity_risk.rare", "exposure"),
     "gaussian_mixture": ("pl_mc.noise_models", "GaussianMixture"),
     "igg3": ("pl_mc.methods", "Igg3"),
     "kernels": ("pl_mc.kernels", None),
@@ -64,8 +63,8 @@ _PUBLIC = {
     "ramp": ("pl_mc.faults", "ramp"),
     "ramps": ("pl_mc.faults", "ramps"),
     "reliability": ("pl_mc.statistics", "reliability"),
-    "risk": ("pl_mc.integrity_risk.rare.risk", "risk"),
-    "risk_budget": ("pl_mc.integrity_risk.budget.budget", "risk_budget"),
+    "risk": ("pl_mc.integrity_risk.rare", "risk"),
+    "risk_budget": ("pl_mc.integrity_risk.budget", "risk_budget"),
     "sample": ("pl_mc.engine", "sample"),
     "service_volume": ("pl_mc.service.volume", "service_volume"),
     "simulate": ("pl_mc.geometry", "simulate"),
@@ -73,8 +72,8 @@ _PUBLIC = {
     "student_t": ("pl_mc.noise_models", "StudentT"),
     "sweep": ("pl_mc.engine", "sweep"),
     "time_to_alert": ("pl_mc.time_ramps", "time_to_alert"),
-    "tune": ("pl_mc.integrity_risk.tuning.tune", "tune"),
-    "worst_case": ("pl_mc.integrity_risk.worst.worst_case", "worst_case"),
+    "tune": ("pl_mc.integrity_risk.tuning", "tune"),
+    "worst_case": ("pl_mc.integrity_risk.worst", "worst_case"),
 }
 
 __all__ = [

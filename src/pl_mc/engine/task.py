@@ -20,7 +20,7 @@ from pl_mc.alert import AlertLimits
 from pl_mc.engine import plan as cut
 from pl_mc.engine.compiling import compiled_count
 from pl_mc.engine.events import EVENTS
-from pl_mc.engine.identity import digest
+from pl_mc.engine.identity import array_fingerprint
 from pl_mc.engine.noise import LANES
 from pl_mc.engine.part_task import Kind
 from pl_mc.engine.plan import Chunk, Plan, make_plan
@@ -83,8 +83,8 @@ class SweepTask:
         """What decides the counts, in a form that can be stored and compared."""
         g = self.geometry.as_series()
         asked = {
-            "geometry": digest(g.design, g.sigma_m, g.in_view, g.satellite, g.epoch, g.names),
-            "faults": digest(self.faults.bias_m, self.faults.names, self.faults.labels),
+            "geometry": array_fingerprint(g.design, g.sigma_m, g.in_view, g.satellite, g.epoch, g.names),
+            "faults": array_fingerprint(self.faults.bias_m, self.faults.names, self.faults.labels),
             "draws": self.draws,
             "seed": self.seed,
             "methods": [repr(method) for method in self.methods],

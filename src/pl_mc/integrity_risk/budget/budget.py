@@ -23,7 +23,7 @@ from numpy.typing import ArrayLike, NDArray
 from scipy import special
 
 from pl_mc.alert import LPV_200, AlertLimits
-from pl_mc.engine.checks import LARGEST_SEED, require_geometry_and_alert
+from pl_mc.engine.checks import LARGEST_SEED, require_geometry_and_alert, require_single
 from pl_mc.faults import Faults, fault_label
 from pl_mc.geometry.record import Geometry
 from pl_mc.input_errors import InputError, require_choice, require_positive, require_whole
@@ -43,17 +43,11 @@ from pl_mc.integrity_risk.worst.ls_exact import (
     event_probability,
     ls_epoch,
     require_event,
-    require_single,
     upper_bound,
     worst_direction,
 )
-from pl_mc.integrity_risk.worst.worst_case import (
-    NO_ESTIMATE,
-    Estimator,
-    exact_worst,
-    rare_event_estimator,
-    worst_case,
-)
+from pl_mc.integrity_risk.worst.search import NO_ESTIMATE, Estimator, rare_event_estimator
+from pl_mc.integrity_risk.worst.worst_case import exact_worst, worst_case
 from pl_mc.methods import Ls, Method, as_methods
 
 FloatArray = NDArray[np.float64]

@@ -23,7 +23,7 @@ from pl_mc.faults import Faults, no_fault
 from pl_mc.geometry.record import Geometry
 from pl_mc.input_errors import InputError, require_choice, require_positive, require_whole
 from pl_mc.integrity_risk.k_factor.error_to_level_ratio import EVENTS, ratio_state
-from pl_mc.integrity_risk.k_factor.exceedance_curve import TailCurve
+from pl_mc.integrity_risk.k_factor.exceedance_curve import ExceedanceCurve
 from pl_mc.integrity_risk.k_factor.from_curve import from_curve
 from pl_mc.integrity_risk.k_factor.order_statistics import counted, drawn_ratios, fewest_draws, order_bounds
 from pl_mc.integrity_risk.k_factor.record import (
@@ -31,11 +31,11 @@ from pl_mc.integrity_risk.k_factor.record import (
     alarm_columns,
     alarm_rate,
     always_alarms,
-    exact_multiplier,
+    exact_k_factor,
     require_multiple,
 )
 from pl_mc.integrity_risk.k_factor.search import bounds_of, first_guess, searched
-from pl_mc.integrity_risk.worst.worst_case import Estimator
+from pl_mc.integrity_risk.worst.search import Estimator
 from pl_mc.methods import Ls, Method, as_methods
 from pl_mc.statistics.least_squares import ls_quantities
 
@@ -134,7 +134,7 @@ def calibrate(
                 "target": float(target),
             }
             if isinstance(chosen, Ls) and estimator is None:
-                found, alarm = exact_multiplier(part, fault, chosen, event, alert, target)
+                found, alarm = exact_k_factor(part, fault, chosen, event, alert, target)
             else:
                 found, alarm, curve = _estimated(
                     part,
@@ -178,7 +178,7 @@ def _estimated(
     target_cov: float,
     max_evaluations: int,
     estimator: Callable[[Method], Estimator] | None,
-) -> tuple[Found, dict[str, float], TailCurve | None]:
+) -> tuple[Found, dict[str, float], ExceedanceCurve | None]:
     unit_m, ratio = drawn_ratios(g, fault, method, event, alert, draws=draws, seed=seed)
     high, low = order_bounds(ratio.size, target, confidence)
     curve = None
@@ -239,7 +239,7 @@ def _check_columns(found: Found) -> dict[str, object]:
     }
 
 
-def _curve_columns(keys: dict[str, Any], curve: TailCurve, confidence: float) -> dict[str, Any]:
+def _curve_columns(keys: dict[str, Any], curve: ExceedanceCurve, confidence: float) -> dict[str, Any]:
     low, high = curve.bounds(confidence)
     columns = {"k_vertical": curve.k, "probability": curve.probability, "low": low, "high": high}
     return {name: keys[name] for name in ("epoch", "method", "fault")} | {

@@ -16,7 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pl_mc.integrity_risk.k_factor.error_to_level_ratio import RatioState
-from pl_mc.integrity_risk.k_factor.exceedance_curve import TailCurve, tail_curve
+from pl_mc.integrity_risk.k_factor.exceedance_curve import ExceedanceCurve, exceedance_curve
 from pl_mc.integrity_risk.k_factor.record import RARE, Found
 from pl_mc.integrity_risk.rare.importance import importance_sampling
 from pl_mc.integrity_risk.rare.risk import judge
@@ -34,7 +34,7 @@ class Calibrated:
     """A multiplier, and the curve that it comes from."""
 
     found: Found
-    curve: TailCurve
+    curve: ExceedanceCurve
 
 
 def from_curve(
@@ -61,8 +61,8 @@ def from_curve(
     seeds = np.random.SeedSequence((*key, zlib.crc32(name.encode()))).spawn(2)
     first, second = (np.random.default_rng(seed) for seed in seeds)
     budget = int(_CURVE_SHARE * most_evaluations)
-    curve = tail_curve(state, first, target=target, target_cov=target_cov, most_evaluations=budget)
-    k, low, high = curve.multiplier(target, confidence)
+    curve = exceedance_curve(state, first, target=target, target_cov=target_cov, most_evaluations=budget)
+    k, low, high = curve.k_factor(target, confidence)
     if not np.isfinite(k):
         note = "no population of subset simulation came down to the target"
         none = Found(np.nan, 0.0, np.inf, np.nan, 0.0, 1.0, RARE, curve.evaluations, note)

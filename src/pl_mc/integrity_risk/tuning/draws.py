@@ -97,7 +97,7 @@ def weighted_noise(
             state = LimitedRatio(problem, k, limits, turned)
             often = min(_OFTEN * problem.target, 0.1)
             ladders = [climb_ratios(state, rng, target=often, size=_POINTS) for _ in range(_POPULATIONS)]
-            level = mean_curve(ladders, often).multiplier(often, 0.5)[0]
+            level = mean_curve(ladders, often).k_factor(often, 0.5)[0]
             spent += sum(one.evaluations for one in ladders)
             if not np.isfinite(level):
                 continue

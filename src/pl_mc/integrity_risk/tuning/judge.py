@@ -83,7 +83,7 @@ def counted_limits(
         )
         resampled[sample] = price(problem, again, drawn.log_unit_m, weight)
     middle = max(1, round(len(fresh) * problem.target))
-    k = multiplier(drawn, problem.target, confidence)
+    k = k_factor(drawn, problem.target, confidence)
     ratios = problem.draws(limits, last).log_ratio
     events = (ratios > np.log(k)).sum(axis=1)
     worst = int(events.argmax())
@@ -187,7 +187,7 @@ def unknown_limits(reason: str) -> Judged:
     return Judged(np.nan, np.full(SAMPLES, np.nan), columns, reason)
 
 
-def multiplier(drawn: Draws, target: float, confidence: float) -> float:
+def k_factor(drawn: Draws, target: float, confidence: float) -> float:
     """The order statistic that keeps the target with the confidence; of weighted draws a quantile."""
     if drawn.weight is not None:
         pairs = zip(drawn.log_ratio, drawn.weight, strict=True)

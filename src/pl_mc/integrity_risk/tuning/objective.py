@@ -169,7 +169,7 @@ class TuningProblem:
     def _binding(self, drawn: Draws) -> tuple[int, float, FloatArray]:
         """The fault with the largest multiplier, its logarithm, and the weighted steepness of its draws (N,)."""
         weights = [None] * len(drawn.log_ratio) if drawn.weight is None else list(drawn.weight)
-        roots = [self._log_multiplier(row, own) for row, own in zip(drawn.log_ratio, weights, strict=True)]
+        roots = [self._log_k_factor(row, own) for row, own in zip(drawn.log_ratio, weights, strict=True)]
         worst = int(np.argmax(roots))
         log_k = roots[worst]
         steep = _steepness((drawn.log_ratio[worst] - log_k) / self.step)
@@ -177,7 +177,7 @@ class TuningProblem:
         # In units of the largest, lest a square be too small for a double.
         return worst, log_k, steep if own is None else steep * (own / own.max())
 
-    def _log_multiplier(self, log_ratio: FloatArray, weight: FloatArray | None = None) -> float:
+    def _log_k_factor(self, log_ratio: FloatArray, weight: FloatArray | None = None) -> float:
         """Where the smoothed share of the draws is the target."""
 
         def surplus(log_k: float) -> float:

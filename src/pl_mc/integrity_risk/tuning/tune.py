@@ -20,7 +20,13 @@ from numpy.typing import NDArray
 from scipy import optimize
 
 from pl_mc.alert import LPV_200, AlertLimits
-from pl_mc.engine.checks import LARGEST_DRAWS, LARGEST_SEED, require_geometry_and_alert, require_inputs
+from pl_mc.engine.checks import (
+    LARGEST_DRAWS,
+    LARGEST_SEED,
+    require_geometry_and_alert,
+    require_inputs,
+    require_single,
+)
 from pl_mc.faults import Faults, no_fault
 from pl_mc.geometry.record import Geometry
 from pl_mc.input_errors import InputError, require_choice, require_positive, require_whole
@@ -33,12 +39,11 @@ from pl_mc.integrity_risk.tuning.judge import (
     Judged,
     counted_limits,
     estimated_limits,
-    multiplier,
+    k_factor,
     price,
     unknown_limits,
 )
 from pl_mc.integrity_risk.tuning.objective import OBJECTIVES, TuningProblem, WeightedNoise
-from pl_mc.integrity_risk.worst.ls_exact import require_single
 from pl_mc.methods import Igg3, Method, as_methods
 from pl_mc.statistics.least_squares import ls_quantities
 
@@ -307,7 +312,7 @@ def _best_of_grid(
     prices: list[float] = []
     for limits in points:
         drawn = problem.draws(limits, noise)
-        prices.append(price(problem, multiplier(drawn, problem.target, confidence), drawn.log_unit_m))
+        prices.append(price(problem, k_factor(drawn, problem.target, confidence), drawn.log_unit_m))
     return points[int(np.argmin(prices))], len(points) * _scenarios(problem, noise)
 
 

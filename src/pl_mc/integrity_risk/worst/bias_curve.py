@@ -189,7 +189,7 @@ class _Sample:
 
 
 @dataclass
-class SizeCurve:
+class BiasCurve:
     """The probability against the size on one satellite, from samples of which each size takes the best for it.
 
     Attributes:
@@ -248,7 +248,7 @@ class SizeCurve:
 
 def coarse_curve(
     region: Region, found: Sequence[Explored], shared: Shared, trace: FloatArray, rng: np.random.Generator
-) -> SizeCurve:
+) -> BiasCurve:
     """The curve of one satellite over all sizes.
 
     The first sample starts from the populations, the others from those before as well, for the sizes that these
@@ -261,7 +261,7 @@ def coarse_curve(
         trace: (active,), of 1 m.
         rng: random numbers of this curve.
     """
-    curve = SizeCurve(trace, [])
+    curve = BiasCurve(trace, [])
     for draws, least in _ROUNDS:
         sizes = curve.open_sizes(found, least)
         if not sizes.size:
@@ -278,11 +278,11 @@ def coarse_curve(
 
 
 def finer_curve(
-    region: Region, coarse: SizeCurve, low_m: float, high_m: float, rng: np.random.Generator
-) -> SizeCurve:
+    region: Region, coarse: BiasCurve, low_m: float, high_m: float, rng: np.random.Generator
+) -> BiasCurve:
     """The curve between two sizes, from points of the coarse one and, once more, from its own."""
     sizes = np.linspace(low_m, high_m, _FINE)
-    curve = SizeCurve(coarse.trace, [])
+    curve = BiasCurve(coarse.trace, [])
     for draws in _FINE_DRAWS:
         source = curve if curve.samples else coarse
         parts = []
@@ -295,7 +295,7 @@ def finer_curve(
 
 
 def _within(
-    region: Region, inner: FloatArray, trace: FloatArray, rng: np.random.Generator, curve: SizeCurve
+    region: Region, inner: FloatArray, trace: FloatArray, rng: np.random.Generator, curve: BiasCurve
 ) -> FloatArray:
     """Points of the event (N, active), moved within it as the noise under the fault is distributed there."""
     if not len(inner):

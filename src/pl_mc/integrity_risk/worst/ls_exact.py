@@ -20,7 +20,7 @@ from scipy import special
 
 from pl_mc.alert import AlertLimits
 from pl_mc.geometry.record import Geometry
-from pl_mc.input_errors import InputError, require_choice
+from pl_mc.input_errors import require_choice
 from pl_mc.kernels.linear_model import REDUNDANCY_FLOOR
 from pl_mc.methods import Ls
 from pl_mc.statistics.exact import CHI2_ALARM, PL_ALARM
@@ -282,9 +282,3 @@ def _refine(
 def require_event(event: str) -> str:
     """``event`` if its worst case can be asked for."""
     return require_choice(event, EVENTS, field="event")
-
-
-def require_single(g: Geometry, what: str) -> None:
-    """Raise `InputError` for a series of epochs."""
-    if g.is_series:
-        raise InputError(f"geometry: {what} is made for one epoch; choose one of the {len(g)}, such as g[0].")

@@ -14,6 +14,7 @@ from pl_mc.engine.checks import LARGEST_SEED
 from pl_mc.faults import Faults, fault_label
 from pl_mc.geometry.record import Geometry
 from pl_mc.input_errors import InputError
+from pl_mc.integrity_risk.rare.risk import FEWEST_EVALUATIONS, risk
 from pl_mc.methods import Method
 
 FloatArray = NDArray[np.float64]
@@ -41,9 +42,6 @@ def rare_event_estimator(
     g: Geometry, method: Method, event: str, alert: AlertLimits, *, target_cov: float, max_evaluations: int
 ) -> Estimator:
     """`pl_mc.risk` as an `Estimator`; it may spend ``max_evaluations`` once ``target_cov`` is asked for."""
-    # Found when needed: exact least squares has no use for the samplers and what they load.
-    from pl_mc.integrity_risk.rare.risk import FEWEST_EVALUATIONS, risk
-
     options: dict[str, Any] = {"event": event, "method": method, "alert": alert}
 
     def estimate(faults: Faults, cov: float, seed: int) -> pd.DataFrame:

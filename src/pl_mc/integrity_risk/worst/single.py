@@ -21,10 +21,10 @@ from pl_mc.geometry.record import Geometry
 from pl_mc.integrity_risk.worst.bias_curve import (
     LEAST_ESS,
     SIZES_M,
+    BiasCurve,
     Explored,
     Region,
     Shared,
-    SizeCurve,
     coarse_curve,
     explore,
     finer_curve,
@@ -77,12 +77,12 @@ def single_table(
     def population(place: int) -> Explored:
         return explore(region, traces[place], source(1, place))
 
-    def coarse(j: int) -> SizeCurve:
+    def coarse(j: int) -> BiasCurve:
         return coarse_curve(
             region, found[j * count : (j + 1) * count], shared, region.traces[rows[j]], source(2, j)
         )
 
-    def finer(j: int) -> SizeCurve:
+    def finer(j: int) -> BiasCurve:
         return finer_curve(region, curves[j], *_bracket(size[j]), source(3, j))
 
     found = [one for _, one in in_order(population, range(len(traces)), cores())]
@@ -126,7 +126,7 @@ def single_table(
     return whole
 
 
-def _searched(curves: Sequence[SizeCurve], found: Sequence[Explored]) -> tuple[pd.DataFrame, FloatArray]:
+def _searched(curves: Sequence[BiasCurve], found: Sequence[Explored]) -> tuple[pd.DataFrame, FloatArray]:
     """What the coarse curves say of each satellite, and its best size (satellites,) [m]."""
     looked = np.union1d(SIZES_M, GRID_M)
     on_grid = np.isin(looked, GRID_M)

@@ -39,7 +39,6 @@ from pl_mc.integrity_risk.worst.pairs import Screen, screened_table
 from pl_mc.integrity_risk.worst.search import (
     GRID_M,
     MOST_SATELLITES,
-    NO_ESTIMATE,
     Estimator,
     bias_columns,
     estimated_table,
@@ -51,16 +50,6 @@ from pl_mc.integrity_risk.worst.single import single_table
 from pl_mc.methods import Ls, Method, as_methods
 
 FloatArray = NDArray[np.float64]
-
-__all__ = [
-    "NO_ESTIMATE",
-    "Estimator",
-    "Worst",
-    "exact_worst",
-    "rare_event_estimator",
-    "satellite_groups",
-    "worst_case",
-]
 
 _NEGLIGIBLE = 1e-9
 
