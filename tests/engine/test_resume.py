@@ -115,10 +115,10 @@ def test_stopped_by_the_user_again_and_again(finished, stops, workers):
             kept = set(here.glob("part-*.parquet"))
             calls = iter(range(stop + 1))
 
-            def stopped(self, chunk, devices=1, calls=calls, stop=stop):
+            def stopped(self, chunk, *noise, devices=1, calls=calls, stop=stop):
                 if next(calls, stop) >= stop:
                     raise KeyboardInterrupt
-                return count(self, chunk, devices)
+                return count(self, chunk, *noise, devices=devices)
 
             with pytest.MonkeyPatch.context() as patch:
                 patch.setattr(SweepTask, "count", stopped)
