@@ -32,7 +32,7 @@ from pl_mc.engine.detect_core import (
 )
 from pl_mc.engine.noise import LANES
 from pl_mc.geometry.record import Geometry
-from pl_mc.input_errors import InputError, require_number, require_whole
+from pl_mc.input_errors import InputError, require_fraction, require_whole
 from pl_mc.runtime.precision import dtype_of, precision_scope
 from pl_mc.runtime.threads import cores
 from pl_mc.statistics.least_squares import ls_quantities
@@ -92,12 +92,10 @@ def checked_options(
     progress: bool | None = False,
 ) -> Options:
     """The options after a check of each; an `InputError` names the one that cannot be used."""
-    if not 0.0 < require_number(p_fa, field="p_fa") < 1.0:
-        raise InputError(f"p_fa: it lies between 0 and 1, both excluded, not {p_fa!r}.")
     dtype_of(precision)
     return Options(
         tests=as_detectors(tests),
-        p_fa=float(p_fa),
+        p_fa=require_fraction(p_fa, field="p_fa"),
         seed=require_whole(seed, field="seed", low=0, high=LARGEST_SEED),
         precision=precision,
         workers=cores() if workers is None else require_whole(workers, field="workers", low=1),

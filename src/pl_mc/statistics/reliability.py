@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 from scipy import optimize, special
 
 from pl_mc.geometry.record import Geometry
-from pl_mc.input_errors import InputError, require_number
+from pl_mc.input_errors import InputError, require_fraction
 from pl_mc.kernels.linear_model import REDUNDANCY_FLOOR
 from pl_mc.statistics.least_squares import ls_quantities
 
@@ -97,10 +97,7 @@ def noncentral_shift(p_fa: float = 1e-3, power: float = 0.8) -> float:
     Raises:
         InputError: a probability outside (0, 1), or a power that is not above ``p_fa``, which every mean has.
     """
-    for name, value in (("p_fa", p_fa), ("power", power)):
-        if not 0.0 < require_number(value, field=name) < 1.0:
-            raise InputError(f"{name}: it lies between 0 and 1, both excluded, not {value!r}.")
-    if power <= p_fa:
+    if require_fraction(power, field="power") <= require_fraction(p_fa, field="p_fa"):
         raise InputError(f"power: it lies above p_fa ({p_fa:g}), which a test has without any bias, not {power!r}.")
     limit = -special.ndtri(p_fa / 2.0)
     if not np.isfinite(limit):

@@ -27,14 +27,13 @@ from jax import Array
 from numpy.typing import NDArray
 
 from pl_mc.geometry.record import POSITION_UNKNOWNS, UP
-from pl_mc.input_errors import InputError, require_choice, require_positive
+from pl_mc.input_errors import InputError, require_choice, require_fraction, require_positive
 from pl_mc.kernels.linear_model import product
 from pl_mc.methods.raim_levels import P_FA
 from pl_mc.time_ramps.signals import NoiseInTime, Rows
 from pl_mc.time_ramps.windows import (
     WindowTests,
     name_with_windows,
-    require_probability,
     whitened,
     window_samples,
     window_seconds,
@@ -88,7 +87,7 @@ class KalmanInnovation:
             require_positive(getattr(self, name), field=f"kalman: {name}")
         if not isinstance(self.coloured, bool):
             raise InputError(f"kalman: coloured: true or false is needed, not {self.coloured!r}.")
-        require_probability("kalman", self.p_fa)
+        require_fraction(self.p_fa, field="kalman: p_fa")
 
     @property
     def name(self) -> str:

@@ -16,12 +16,12 @@ import jax.numpy as jnp
 import numpy as np
 from numpy.typing import NDArray
 
+from pl_mc.input_errors import require_fraction
 from pl_mc.methods.raim_levels import P_FA
 from pl_mc.time_ramps.signals import NoiseInTime, Rows
 from pl_mc.time_ramps.windows import (
     WindowTests,
     name_with_windows,
-    require_probability,
     whitened,
     window_samples,
     window_seconds,
@@ -51,7 +51,7 @@ class SequentialParity:
 
     def __post_init__(self) -> None:
         object.__setattr__(self, "windows_s", window_seconds("sequential_parity", self.windows_s))
-        require_probability("sequential_parity", self.p_fa)
+        require_fraction(self.p_fa, field="sequential_parity: p_fa")
 
     @property
     def name(self) -> str:

@@ -17,7 +17,7 @@ from pl_mc.alert import LPV_200, AlertLimits
 from pl_mc.engine.calls import Chunk, Cut, run_calls
 from pl_mc.engine.checks import LARGEST_SEED, require_geometry_and_alert
 from pl_mc.geometry.record import Geometry
-from pl_mc.input_errors import InputError, require_number, require_whole
+from pl_mc.input_errors import InputError, require_fraction, require_whole
 from pl_mc.methods import METHODS
 from pl_mc.named import as_records
 from pl_mc.runtime.precision import precision_scope
@@ -187,9 +187,7 @@ def calibrated(largest: FloatArray, p_fa: float) -> FloatArray:
 
 def require_calibration(draws: int, p_fa: float) -> int:
     """``draws`` fault-free passes, checked to be enough for a threshold of the false-alarm probability ``p_fa``."""
-    if not 0.0 < require_number(p_fa, field="p_fa") < 1.0:
-        raise InputError(f"p_fa: a number between 0 and 1 is needed, not {p_fa!r}.")
-    least = math.ceil(_FEWEST_BEYOND / p_fa)
+    least = math.ceil(_FEWEST_BEYOND / require_fraction(p_fa, field="p_fa"))
     return require_whole(draws, field="calibration_draws", low=least, high=_MOST_DRAWS)
 
 

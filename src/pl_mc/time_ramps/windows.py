@@ -113,9 +113,3 @@ def largest_ratio(tests: WindowTests, sums: list[Array], rates: Array) -> Array:
         own, cross, full = jnp.sum(noise * noise, axis=0), product(fault[None], noise)[0], jnp.sum(fault * fault)
         ratios.append(own[None] + 2.0 * rates[:, None] * cross[None] + (rates * rates)[:, None] * full)
     return jnp.max(jnp.stack(ratios), axis=0)
-
-
-def require_probability(owner: str, p_fa: float) -> None:
-    """Raise `InputError` unless a nominal false-alarm probability lies between 0 and 1."""
-    if not 0.0 < require_number(p_fa, field=f"{owner}: p_fa") < 1.0:
-        raise InputError(f"{owner}: p_fa: a number between 0 and 1 is needed, not {p_fa!r}.")

@@ -21,7 +21,7 @@ from pl_mc.alert import LPV_200, AlertLimits
 from pl_mc.engine.checks import LARGEST_DRAWS, LARGEST_SEED, require_geometry_and_alert, require_inputs
 from pl_mc.faults import Faults, no_fault
 from pl_mc.geometry.record import Geometry
-from pl_mc.input_errors import InputError, require_choice, require_positive, require_whole
+from pl_mc.input_errors import InputError, require_choice, require_fraction, require_whole
 from pl_mc.integrity_risk.k_factor.error_to_level_ratio import EVENTS, ratio_state
 from pl_mc.integrity_risk.k_factor.exceedance_curve import ExceedanceCurve
 from pl_mc.integrity_risk.k_factor.from_curve import from_curve
@@ -108,8 +108,7 @@ def calibrate(
     require_inputs(g, faults, alert)
     require_choice(event, EVENTS, field="event")
     for field, value in (("target", target), ("confidence", confidence)):
-        if not require_positive(value, field=field) < 1.0:
-            raise InputError(f"{field}: it lies between 0 and 1, both excluded, not {value!r}.")
+        require_fraction(value, field=field)
     draws = require_whole(draws, field="draws", low=1, high=LARGEST_DRAWS)
     seed = require_whole(seed, field="seed", low=0, high=LARGEST_SEED)
     (chosen,) = as_methods([method])

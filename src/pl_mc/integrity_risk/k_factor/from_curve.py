@@ -105,14 +105,7 @@ def _start(limit: Sampled, rng: np.random.Generator, most_evaluations: int) -> t
     """Points in the event from populations of nominal noise, as many from each, and what they cost."""
     points, spent = [np.empty((0, limit.dimension))], 0
     for _ in range(_POPULATIONS):
-        run = climb(
-            limit,
-            rng,
-            size=_POPULATION,
-            dimension=limit.dimension,
-            active=limit.active,
-            most_evaluations=most_evaluations - spent,
-        )
+        run = climb(limit, rng, size=_POPULATION, most_evaluations=most_evaluations - spent)
         spent += run.evaluations
         points.append(run.points[: _POPULATION // _POPULATIONS])
     return np.concatenate(points), spent

@@ -208,15 +208,7 @@ def _explore(limit: Sampled, rng: np.random.Generator, most_evaluations: int) ->
     for noise in _EXPLORING_NOISE:
         if spent + _POPULATION > most_evaluations:
             break
-        run = climb(
-            limit,
-            rng,
-            size=_POPULATION,
-            dimension=limit.dimension,
-            active=limit.active,
-            noise=noise,
-            most_evaluations=most_evaluations - spent,
-        )
+        run = climb(limit, rng, size=_POPULATION, noise=noise, most_evaluations=most_evaluations - spent)
         spent += run.evaluations
         points.append(run.points)
     return np.concatenate(points), spent

@@ -29,7 +29,7 @@ from pl_mc.engine.checks import (
 )
 from pl_mc.faults import Faults, no_fault
 from pl_mc.geometry.record import Geometry
-from pl_mc.input_errors import InputError, require_choice, require_positive, require_whole
+from pl_mc.input_errors import InputError, require_choice, require_fraction, require_positive, require_whole
 from pl_mc.integrity_risk.k_factor.error_to_level_ratio import EVENTS, MISLEADING
 from pl_mc.integrity_risk.k_factor.order_statistics import fewest_draws
 from pl_mc.integrity_risk.rare.risk import FEWEST_EVALUATIONS
@@ -136,8 +136,7 @@ def tune(
     for name in named:
         require_choice(name, PARAMETERS, field="parameters")
     for field, value in (("target", target), ("confidence", confidence)):
-        if not require_positive(value, field=field) < 1.0:
-            raise InputError(f"{field}: it lies between 0 and 1, both excluded, not {value!r}.")
+        require_fraction(value, field=field)
     require_positive(smoothing, field="smoothing")
     draws = require_whole(draws, field="draws", low=1, high=LARGEST_DRAWS)
     counts = draws >= max(int(np.ceil(_FEWEST_EVENTS / target)), fewest_draws(target, confidence))

@@ -23,7 +23,7 @@ from numpy.typing import NDArray
 from pl_mc.alert import AlertLimits
 from pl_mc.geometry.record import Geometry
 from pl_mc.integrity_risk.rare.importance import tempered
-from pl_mc.integrity_risk.rare.limit_state import LimitState, rotation
+from pl_mc.integrity_risk.rare.limit_state import LimitState
 from pl_mc.integrity_risk.rare.mixture import Mixture, fit, join, normal
 from pl_mc.integrity_risk.rare.subset import climb, rejuvenate
 from pl_mc.methods import Method
@@ -68,11 +68,8 @@ class Region:
     @classmethod
     def of(cls, g: Geometry, method: Method, event: str, alert: AlertLimits) -> Region:
         """Of an epoch with redundancy."""
-        n = len(g.names)
-        design, sigma, seen = np.asarray(g.design), np.asarray(g.sigma_m), np.ones(n, dtype=bool)
-        turned = rotation(design, sigma, seen, np.zeros(n))
-        limit = LimitState(design, sigma, seen, np.zeros(n), method, event, alert.vertical_m, turned)
-        return cls(limit, turned.matrix[:, : turned.active] / sigma[:, None])
+        limit = LimitState.of(g.as_series(), 0, np.zeros(len(g.names)), method, event, alert)
+        return cls(limit, limit.coordinates.matrix[:, : limit.active] / limit.sigma_m[:, None])
 
     def shifted(self, trace: FloatArray) -> Shifted:
         """The limit state of the noise under a fault, by its trace (active,)."""
@@ -93,6 +90,14 @@ class Shifted:
 
     limit: LimitState
     centre: FloatArray
+
+    @property
+    def active(self) -> int:
+        return self.limit.active
+
+    @property
+    def dimension(self) -> int:
+        return self.limit.dimension
 
     def __call__(self, points: FloatArray) -> FloatArray:
         """(N,), of noise (N, dimension)."""
@@ -117,16 +122,7 @@ class Explored:
 def explore(region: Region, trace: FloatArray, rng: np.random.Generator) -> Explored:
     """One population under the fault with this trace (active,)."""
     active = region.limit.active
-    run = climb(
-        region.shifted(trace),
-        rng,
-        size=_POINTS,
-        dimension=region.limit.dimension,
-        active=active,
-        noise=_NOISE,
-        moves=_MOVES,
-        most_evaluations=_MOST,
-    )
+    run = climb(region.shifted(trace), rng, size=_POINTS, noise=_NOISE, moves=_MOVES, most_evaluations=_MOST)
     # In any order: neighbours may be copies of each other.
     points = rng.permutation(run.points[:, :active] + trace)
     return Explored(points, run.log_probability if run.reached else -np.inf, run.evaluations)

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterable, Sequence
 from typing import Any
 
 import numpy as np
@@ -36,6 +36,7 @@ _REFINE_ROUNDS = 3
 MOST_SATELLITES = 2
 
 NO_ESTIMATE = "no estimate"
+_COUNTS = ("evaluations", "subset_evaluations")
 
 
 def rare_event_estimator(
@@ -67,7 +68,7 @@ def estimated_table(
     seed: int,
 ) -> pd.DataFrame:
     """The search by estimates: scan, refinement, and a last estimate with noise that the search has not seen."""
-    scans = [_scan_faults(group, len(g.names)) for group in groups]
+    scans = [scan_faults(group, len(g.names), _SCAN_M if len(group) == 1 else _PAIR_SCAN_M) for group in groups]
     owner = np.repeat(np.arange(len(groups)), [len(scan) for scan in scans])
     faults = np.concatenate(scans) if scans else np.zeros((0, len(g.names)))
     scan = estimates(g, faults, estimate, max(target_cov, _SCAN_COV), seed)
@@ -87,12 +88,8 @@ def estimated_table(
     table = scan.iloc[rows].reset_index(drop=True)
     chosen = np.argsort(-heights(table), kind="stable")[:refine]
     bias[chosen] = climb_faults(g, bias[chosen], [groups[k] for k in chosen], estimate, seed)
-    if chosen.size:
-        # Another seed: the largest of many estimates is too large on average, a fresh one is not.
-        last = estimates(g, bias[chosen], estimate, target_cov, (seed + 1) % (LARGEST_SEED + 1))
-        for column in last:
-            table.loc[chosen, column] = last[column].to_numpy()
-    notes = ["; ".join(filter(None, pair)) for pair in zip(table["warning"], warned, strict=True)]
+    table["warning"] = joined(table["warning"], warned)
+    last_estimates(g, table, chosen, bias, estimate, target_cov, seed, doubts=warned)
     return pd.DataFrame(
         {
             **fault_columns(g, groups, bias),
@@ -100,24 +97,22 @@ def estimated_table(
             **bias_columns(groups, grid_bias, "grid_"),
             "grid_probability": grid_probability,
             "refined": np.isin(np.arange(len(groups)), chosen),
-            "warning": np.array(notes, dtype=object),
+            "warning": table["warning"],
         }
     )
 
 
-def _scan_faults(group: tuple[int, ...], n: int) -> FloatArray:
-    """(faults, n), what is scanned of one satellite or a pair [m]; a fault and its negative are equally bad."""
+def scan_faults(group: tuple[int, ...], n: int, sizes_m: FloatArray) -> FloatArray:
+    """(faults, n), one satellite or a pair in every ratio [m]; a fault and its negative are equally bad."""
     if len(group) > MOST_SATELLITES:
         raise InputError(f"satellites: the search by estimates takes 1 or 2 at a time, not {len(group)}.")
-    if len(group) == 1:
-        faults = np.zeros((_SCAN_M.size, n))
-        faults[:, group[0]] = _SCAN_M
-        return faults
-    faults = np.zeros((_PAIR_SCAN_M.size * len(PAIR_RATIOS), n))
-    sizes, ratios = (part.reshape(-1) for part in np.meshgrid(_PAIR_SCAN_M, PAIR_RATIOS, indexing="ij"))
+    ratios = PAIR_RATIOS if len(group) == 2 else (0.0,)
+    sizes, ratio = (part.reshape(-1) for part in np.meshgrid(sizes_m, ratios, indexing="ij"))
+    faults = np.zeros((sizes.size, n))
     # The larger of both has the scanned size.
-    faults[:, group[0]] = sizes / np.maximum(1.0, np.abs(ratios))
-    faults[:, group[1]] = faults[:, group[0]] * ratios
+    faults[:, group[0]] = sizes / np.maximum(1.0, np.abs(ratio))
+    if len(group) == 2:
+        faults[:, group[1]] = faults[:, group[0]] * ratio
     return faults
 
 
@@ -177,6 +172,56 @@ def estimates(
     notes = table["warning"].fillna("")
     table["warning"] = notes.mask((notes == "") & table["probability"].isna(), NO_ESTIMATE)
     return table.astype(dict.fromkeys(columns[:-1], float))
+
+
+def last_estimates(
+    g: Geometry,
+    table: pd.DataFrame,
+    chosen: NDArray[np.intp],
+    bias_m: FloatArray,
+    estimate: Estimator,
+    target_cov: float,
+    seed: int,
+    *,
+    doubts: Sequence[str],
+    also: Sequence[str] = (),
+) -> int:
+    """Put estimates with noise that the search has not seen into the chosen rows of its table.
+
+    Of many estimates the largest is too large on average, a fresh one is not.
+
+    Args:
+        g: the epoch.
+        table: a row for each group, with the columns of `estimates`.
+        chosen: (c,), its rows.
+        bias_m: (groups, n), the faults [m].
+        estimate, target_cov, also: as for `estimates`.
+        seed: of the search.
+        doubts: for each group what the search says against itself; it stands behind the estimate's warning.
+
+    Returns:
+        Scenarios computed, as far as the estimator says.
+    """
+    if not chosen.size:
+        return 0
+    spent = 0
+
+    def counting(faults: Faults, cov: float, fresh_seed: int) -> pd.DataFrame:
+        nonlocal spent
+        made = estimate(faults, cov, fresh_seed)
+        spent += sum(int(made[column].sum()) for column in _COUNTS if column in made)
+        return made
+
+    last = estimates(g, bias_m[chosen], counting, target_cov, (seed + 1) % (LARGEST_SEED + 1), also=also)
+    last["warning"] = joined(last["warning"], [doubts[k] for k in chosen])
+    for column in last:
+        table.loc[chosen, column] = last[column].to_numpy()
+    return spent
+
+
+def joined(first: Iterable[str], second: Iterable[str]) -> NDArray[np.object_]:
+    """Pairs of warnings, each made one."""
+    return np.array(["; ".join(filter(None, pair)) for pair in zip(first, second, strict=True)], dtype=object)
 
 
 def heights(table: pd.DataFrame) -> FloatArray:

@@ -16,7 +16,6 @@ import pandas as pd
 from numpy.typing import NDArray
 from scipy import stats
 
-from pl_mc.engine.checks import LARGEST_SEED
 from pl_mc.geometry.record import Geometry
 from pl_mc.integrity_risk.worst.bias_curve import (
     LEAST_ESS,
@@ -34,9 +33,9 @@ from pl_mc.integrity_risk.worst.search import (
     NO_ESTIMATE,
     Estimator,
     bias_columns,
-    estimates,
     fault_columns,
     heights,
+    last_estimates,
 )
 from pl_mc.runtime.threads import cores, in_order
 
@@ -44,7 +43,7 @@ FloatArray = NDArray[np.float64]
 
 # Sizes at which the finer curve is looked up.
 _LOOKS = 41
-_CHECKS, _COUNTS = ("subset_probability", "subset_standard_error"), ("evaluations", "subset_evaluations")
+_CHECKS = ("subset_probability", "subset_standard_error")
 
 EXPLORED, CURVES, REFINED = "explored", "curves", "refined"
 
@@ -100,17 +99,10 @@ def single_table(
     spent = {
         EXPLORED: sum(one.evaluations for one in found),
         CURVES: sum(one.evaluations for one in (*curves, *second)),
-        REFINED: 0,
     }
-    if chosen.size:
-        # Another seed: the largest of many estimates is too large on average, a fresh one is not.
-        last_seed = (seed + 1) % (LARGEST_SEED + 1)
-        last = estimates(g, bias[chosen], estimate, target_cov, last_seed, also=(*_CHECKS, *_COUNTS))
-        spent[REFINED] = sum(int(last.pop(column).sum()) for column in _COUNTS)
-        doubts = table["warning"].to_numpy()[chosen]
-        last["warning"] = ["; ".join(filter(None, pair)) for pair in zip(last["warning"], doubts, strict=True)]
-        for column in last:
-            table.loc[chosen, column] = last[column].to_numpy()
+    spent[REFINED] = last_estimates(
+        g, table, chosen, bias, estimate, target_cov, seed, doubts=list(table["warning"]), also=_CHECKS
+    )
     groups = [(row,) for row in rows]
     whole = pd.DataFrame(
         {
