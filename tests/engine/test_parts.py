@@ -301,9 +301,9 @@ def test_identity_tells_what_can_move_a_bit_and_nothing_else(monkeypatch):
     assert identity.differences({"environment": plain}, {"environment": identity.environment()}) == [
         "compiler flags: [] before, ['--xla_cpu_use_fusion_emitters=false'] now"
     ]
-    same = identity.identity_of(small.task())
-    assert identity.differences(same, identity.identity_of(small.task())) == []
-    assert identity.mark(same["experiment"]) == identity.mark(identity.identity_of(small.task())["experiment"])
+    first, second = identity.identity_of(small.task()), identity.identity_of(small.task())
+    assert identity.differences(first, second) == []
+    assert identity.fingerprint(first["experiment"]) == identity.fingerprint(second["experiment"])
 
 
 def test_a_folder_for_one_epoch(tmp_path):

@@ -19,25 +19,19 @@ import numpy as np
 from jax import Array
 from numpy.typing import NDArray
 
+from pl_mc.arrays import FloatArray
 from pl_mc.detectors.base import SYSTEM_LETTERS, Detector, Verdict, View
 from pl_mc.detectors.registry import as_detectors
 from pl_mc.engine.calls import Chunk, Cut, run_calls
 from pl_mc.engine.checks import LARGEST_SEED
 from pl_mc.engine.core import EpochBatch
-from pl_mc.engine.detect_core import (
-    TestBatch,
-    count_detections,
-    examine_errors,
-    fault_free_statistics,
-)
+from pl_mc.engine.detect_core import TestBatch, count_detections, examine_errors, fault_free_statistics
 from pl_mc.engine.noise import LANES
 from pl_mc.geometry.record import Geometry
 from pl_mc.input_errors import InputError, require_fraction, require_whole
 from pl_mc.runtime.precision import dtype_of, precision_scope
 from pl_mc.runtime.threads import cores
 from pl_mc.statistics.least_squares import ls_quantities
-
-FloatArray = NDArray[np.float64]
 
 NOMINAL, EQUAL_P_FA = "nominal", "equal_p_fa"
 LEVELS = (NOMINAL, EQUAL_P_FA)

@@ -26,7 +26,7 @@ from pl_mc.geometry import Geometry
 from pl_mc.kernels import IrlsOptions, LeastSquaresSolution, LinearModel, irls, linear_model
 from pl_mc.runtime.precision import dtype_of
 from pl_mc.runtime.threads import cores
-from pl_mc.statistics.intervals import clopper_pearson
+from pl_mc.statistics.intervals import clopper_pearson, rate_columns
 
 # Satellites beyond the t + 1 that a solution needs, up to which it counts as one that little is left to check.
 FEW = 1
@@ -80,9 +80,9 @@ def watch_weights(
         }
         for event, count in zip(WATCHED, counts.T, strict=True):
             means = (faults.bias_m[fault] != 0).any(axis=1) if event in _OF_FAULTS else True
-            low, high = clopper_pearson(count, draws)
-            values = {"_count": count, "_rate": count / draws, "_low": low, "_high": high}
-            columns |= {f"{event}{end}": np.where(means, value, np.nan) for end, value in values.items()}
+            rates = rate_columns(event, count / draws, *clopper_pearson(count, draws))
+            values = {f"{event}_count": count} | rates
+            columns |= {name: np.where(means, value, np.nan) for name, value in values.items()}
         parts.append(pd.DataFrame(columns))
     return pd.concat(parts, ignore_index=True)
 

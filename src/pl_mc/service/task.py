@@ -16,6 +16,7 @@ import pyarrow as pa
 from numpy.typing import NDArray
 
 from pl_mc.alert import AlertLimits
+from pl_mc.arrays import FloatArray
 from pl_mc.engine.identity import array_fingerprint
 from pl_mc.engine.noise import LANES
 from pl_mc.engine.part_task import Kind
@@ -29,8 +30,6 @@ from pl_mc.service.counting import ServiceCounts
 from pl_mc.service.grid import WorldGrid
 from pl_mc.service.levels import levels_from_geometry, levels_of_batch
 from pl_mc.service.sky import Geometries, WorldSky
-
-FloatArray = NDArray[np.float64]
 
 # Geometries of a batch: a few sites with all their epochs. Memory is that of a few batches, whatever the grid.
 GEOMETRIES_PER_BATCH = 2_304

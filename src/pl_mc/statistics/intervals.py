@@ -6,6 +6,8 @@ often 0, 1 or 2 in millions.
 
 from __future__ import annotations
 
+from typing import Any
+
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 from scipy import special
@@ -35,6 +37,11 @@ def clopper_pearson(
     """
     count, total = _require_counts(events, draws)
     return _beta_bounds(count, total, confidence)
+
+
+def rate_columns(name: str, rate: Any, low: Any, high: Any) -> dict[str, Any]:
+    """``<name>_rate, <name>_low, <name>_high``, the columns that a rate and its bounds have in every table."""
+    return {f"{name}_rate": rate, f"{name}_low": low, f"{name}_high": high}
 
 
 def shared_noise_bounds(

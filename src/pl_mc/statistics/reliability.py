@@ -12,12 +12,11 @@ import pandas as pd
 from numpy.typing import NDArray
 from scipy import optimize, special
 
+from pl_mc.arrays import FloatArray
 from pl_mc.geometry.record import Geometry
 from pl_mc.input_errors import InputError, require_fraction
 from pl_mc.kernels.linear_model import REDUNDANCY_FLOOR
 from pl_mc.statistics.least_squares import ls_quantities
-
-FloatArray = NDArray[np.float64]
 
 # A satellite that moves the height by less than this share of its error does not move it: the rest is rounding.
 _NO_EFFECT = 1e-12

@@ -14,6 +14,7 @@ from numpy.typing import ArrayLike, NDArray
 from scipy import stats
 
 from pl_mc.alert import LPV_200, AlertLimits
+from pl_mc.arrays import FloatArray
 from pl_mc.engine.calls import Chunk, Cut, run_calls
 from pl_mc.engine.checks import LARGEST_SEED, require_geometry_and_alert
 from pl_mc.geometry.record import Geometry
@@ -22,15 +23,13 @@ from pl_mc.methods import METHODS
 from pl_mc.named import as_records
 from pl_mc.runtime.precision import precision_scope
 from pl_mc.runtime.progress import progress_bar
-from pl_mc.statistics.intervals import clopper_pearson
+from pl_mc.statistics.intervals import clopper_pearson, rate_columns
 from pl_mc.time_ramps.kalman_innovation import KalmanInnovation
 from pl_mc.time_ramps.passes import Test, Watched, pass_plan, watch_block
 from pl_mc.time_ramps.registry import SEQUENTIAL
 from pl_mc.time_ramps.sequential_parity import SequentialParity
 from pl_mc.time_ramps.signals import NoiseInTime, Rows, rows_by_satellite, unit_ramp_m, whole_samples
 from pl_mc.time_ramps.snapshot import has_ratio
-
-FloatArray = NDArray[np.float64]
 
 CONFIDENCE = 0.95
 LIMITS_S = (6, 10, 30)
@@ -314,6 +313,5 @@ def quantile_bounds(values: ArrayLike, share: float) -> tuple[float, float, floa
 
 
 def _rate(name: str, count: int, total: int) -> dict[str, float]:
-    low, high = (float(bound) for bound in clopper_pearson(count, total, CONFIDENCE))
-    rate = count / total if total else math.nan
-    return {f"{name}_rate": rate, f"{name}_low": low, f"{name}_high": high}
+    bounds = (float(bound) for bound in clopper_pearson(count, total, CONFIDENCE))
+    return rate_columns(name, count / total if total else math.nan, *bounds)

@@ -14,14 +14,12 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 from jax import Array
-from numpy.typing import NDArray
 
+from pl_mc.arrays import FloatArray
 from pl_mc.input_errors import InputError, require_number
 from pl_mc.kernels.linear_model import product
 from pl_mc.methods.raim_levels import thresholds
 from pl_mc.time_ramps.signals import whole_samples
-
-FloatArray = NDArray[np.float64]
 
 
 @jax.tree_util.register_dataclass
@@ -91,6 +89,12 @@ def whitened(
     whitener = whitener * scale[:, None, None]
     response: FloatArray = np.einsum("ejk,ek->ej", whitener, sums)
     return whitener, response
+
+
+def window_tests(made: Iterable[tuple[FloatArray, FloatArray]], samples: tuple[int, ...]) -> WindowTests:
+    """The bank of the windows that `whitened` made, one for each length."""
+    whiteners, responses = (jnp.asarray(np.stack(parts, axis=1)) for parts in zip(*made, strict=True))
+    return WindowTests(whiteners, responses, samples)
 
 
 def window_sums(values: FloatArray, samples: int, onset: int) -> FloatArray:

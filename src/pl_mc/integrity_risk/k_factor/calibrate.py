@@ -39,8 +39,6 @@ from pl_mc.integrity_risk.worst.search import Estimator
 from pl_mc.methods import Ls, Method, as_methods
 from pl_mc.statistics.least_squares import ls_quantities
 
-__all__ = ["calibrate", "fewest_draws", "order_bounds"]
-
 
 def calibrate(
     g: Geometry,
@@ -136,22 +134,12 @@ def calibrate(
                 found, alarm = exact_k_factor(part, fault, chosen, event, alert, target)
             else:
                 found, alarm, curve = _estimated(
-                    part,
-                    fault,
-                    chosen,
-                    event,
-                    alert,
-                    target=target,
-                    confidence=confidence,
-                    draws=draws,
-                    seed=seed,
-                    target_cov=target_cov,
-                    max_evaluations=max_evaluations,
-                    estimator=estimator,
-                )
+                    part, fault, chosen, event, alert, target=target, confidence=confidence, draws=draws, seed=seed,
+                    target_cov=target_cov, max_evaluations=max_evaluations, estimator=estimator,
+                )  # fmt: skip
                 if curve is not None:
                     curves.append(_curve_columns(keys, curve, confidence))
-            rows.append(keys | _columns(found, float(chosen.k_vertical)) | alarm | _check_columns(found))
+            rows.append(keys | _columns(found, float(chosen.k_vertical), alarm))
     if not rows:
         raise InputError("faults: none of them has all of its satellites in view at any epoch of this geometry.")
     table = pd.DataFrame(rows)
@@ -215,27 +203,12 @@ def _estimated(
     return found, alarm_columns(*alarm), curve
 
 
-def _columns(found: Found, k_before: float) -> dict[str, object]:
-    return {
-        "found": found.found,
-        "draws": found.draws,
-        "k_vertical": found.k,
-        "k_low": found.low,
-        "k_high": found.high,
-        "inflation": found.high / k_before,
-        "probability": found.probability,
-        "probability_low": found.probability_low,
-        "probability_high": found.probability_high,
-    }
-
-
-def _check_columns(found: Found) -> dict[str, object]:
-    return {
-        "check_probability": found.check_probability,
-        "check_low": found.check_low,
-        "check_high": found.check_high,
-        "warning": found.warning,
-    }
+def _columns(found: Found, k_before: float, alarm: dict[str, float]) -> dict[str, object]:
+    names = ("probability", "probability_low", "probability_high")
+    checks = ("check_probability", "check_low", "check_high", "warning")
+    first = {"found": found.found, "draws": found.draws, "k_vertical": found.k, "k_low": found.low}
+    first |= {"k_high": found.high, "inflation": found.high / k_before}
+    return first | {name: getattr(found, name) for name in names} | alarm | {c: getattr(found, c) for c in checks}
 
 
 def _curve_columns(keys: dict[str, Any], curve: ExceedanceCurve, confidence: float) -> dict[str, Any]:

@@ -16,16 +16,14 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 from jax import Array
-from numpy.typing import NDArray
 
 from pl_mc.alert import AlertLimits
+from pl_mc.arrays import FloatArray
 from pl_mc.faults import Faults
 from pl_mc.geometry.record import UP, Geometry
 from pl_mc.integrity_risk.rare.limit_state import EpochState
 from pl_mc.kernels import linear_model, start_from
 from pl_mc.methods.base import Method, Outcome
-
-FloatArray = NDArray[np.float64]
 
 EXCEEDED, MISLEADING = "exceeded", "misleading"
 EVENTS = (EXCEEDED, MISLEADING)

@@ -11,13 +11,11 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy import stats
 
+from pl_mc.arrays import FloatArray
 from pl_mc.integrity_risk.k_factor.error_to_level_ratio import Ratio
 from pl_mc.integrity_risk.rare.subset import LEVEL_FRACTION, MOST_LEVELS, MOVES, move, systematic
-
-FloatArray = NDArray[np.float64]
 
 # Points of a population; populations at the least and at the most.
 POPULATION = 4096

@@ -5,7 +5,6 @@ from __future__ import annotations
 from dataclasses import replace
 
 import numpy as np
-from numpy.typing import NDArray
 
 from pl_mc.alert import AlertLimits
 from pl_mc.faults import Faults
@@ -16,8 +15,6 @@ from pl_mc.integrity_risk.k_factor.record import SMALLEST_FACTOR, exact_k_factor
 from pl_mc.integrity_risk.rare.limit_state import all_axes
 from pl_mc.methods import Ls, Method
 from pl_mc.statistics.exact import ls_rates
-
-FloatArray = NDArray[np.float64]
 
 # Draws, the same for every fault, and the quantile of their ratios that orders the faults first.
 _DRAWS, _QUANTILE = 4096, 0.995

@@ -16,7 +16,7 @@ import jax.numpy as jnp
 import numpy as np
 import pandas as pd
 from jax import Array
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 from scipy import stats
 
 from pl_mc.alert import LPV_200, AlertLimits
@@ -34,9 +34,7 @@ from pl_mc.noise_models import GAUSSIAN, NoiseModel, as_noise_model
 from pl_mc.noise_models.gauss_markov import GaussMarkov, step
 from pl_mc.runtime.precision import dtype_of
 from pl_mc.runtime.progress import progress_bar
-from pl_mc.statistics.intervals import clopper_pearson
-
-FloatArray = NDArray[np.float64]
+from pl_mc.statistics.intervals import clopper_pearson, rate_columns
 
 CONFIDENCE = 0.95
 
@@ -207,7 +205,6 @@ def _block_sums(
 
 
 def _columns(seen: float, total: float, squares: float, draws: int, samples: int) -> dict[str, float]:
-    low, high = (float(bound) for bound in clopper_pearson(seen, draws, CONFIDENCE))
     share, rate = seen / draws, total / draws / samples
     # Moments over exposures of whether the event happened and of the share of samples with it.
     variance = max(squares / draws / samples**2 - rate**2, 0.0)
@@ -227,9 +224,7 @@ def _columns(seen: float, total: float, squares: float, draws: int, samples: int
         "exposures": draws,
         "samples": samples,
         "exposures_with": int(seen),
-        "any_rate": share,
-        "any_low": low,
-        "any_high": high,
+        **rate_columns("any", share, *(float(bound) for bound in clopper_pearson(seen, draws, CONFIDENCE))),
         "samples_with": int(total),
         "sample_rate": rate,
         "sample_error": math.sqrt(variance / draws),

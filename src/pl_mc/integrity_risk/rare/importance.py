@@ -17,12 +17,10 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
+from pl_mc.arrays import FloatArray
 from pl_mc.integrity_risk.rare.mixture import Mixture, fit, join, normal
 from pl_mc.integrity_risk.rare.subset import MOVES, Sampled, climb, rejuvenate
-
-FloatArray = NDArray[np.float64]
 
 # Searches, each with an exploration, a proposal and a last sample of its own: at least, and at most.
 _FEWEST_SEARCHES, _MOST_SEARCHES = 4, 16

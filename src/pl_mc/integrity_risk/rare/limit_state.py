@@ -18,13 +18,12 @@ from jax import Array
 from numpy.typing import NDArray
 
 from pl_mc.alert import AlertLimits
+from pl_mc.arrays import FloatArray
 from pl_mc.geometry.record import POSITION_UNKNOWNS, UP, Geometry
 from pl_mc.kernels import linear_model, start_from
 from pl_mc.methods.base import Method, Outcome
 from pl_mc.noise_models import GAUSSIAN, NoiseModel
 from pl_mc.runtime.precision import precision_scope
-
-FloatArray = NDArray[np.float64]
 
 RISK_EVENTS = ("missed", "misleading", "exceeded", "alarm")
 

@@ -15,7 +15,8 @@ from typing import Protocol
 import numpy as np
 from numpy.typing import NDArray
 
-FloatArray = NDArray[np.float64]
+from pl_mc.arrays import FloatArray
+
 Limit = Callable[[FloatArray], FloatArray]
 
 # Noise in which populations start, in turn.

@@ -15,6 +15,7 @@ from numpy.typing import NDArray
 from scipy import stats
 
 from pl_mc.alert import AlertLimits
+from pl_mc.arrays import FloatArray
 from pl_mc.faults import Faults
 from pl_mc.geometry.record import Geometry
 from pl_mc.integrity_risk.k_factor.error_to_level_ratio import EXCEEDED, MISLEADING, ratio_state
@@ -24,8 +25,6 @@ from pl_mc.integrity_risk.k_factor.record import COUNTING, RARE
 from pl_mc.integrity_risk.tuning.objective import ALARMS, VPL, Draws, TuningProblem, cost, weighted_quantile
 from pl_mc.methods import Igg3
 from pl_mc.statistics.intervals import clopper_pearson
-
-FloatArray = NDArray[np.float64]
 
 SAMPLES = 200
 # Ratios that may come into a resampled quantile, for each rank.

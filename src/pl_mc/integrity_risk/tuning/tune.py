@@ -20,6 +20,7 @@ from numpy.typing import NDArray
 from scipy import optimize
 
 from pl_mc.alert import LPV_200, AlertLimits
+from pl_mc.arrays import FloatArray
 from pl_mc.engine.checks import (
     LARGEST_DRAWS,
     LARGEST_SEED,
@@ -46,8 +47,6 @@ from pl_mc.integrity_risk.tuning.judge import (
 from pl_mc.integrity_risk.tuning.objective import OBJECTIVES, TuningProblem, WeightedNoise
 from pl_mc.methods import Igg3, Method, as_methods
 from pl_mc.statistics.least_squares import ls_quantities
-
-FloatArray = NDArray[np.float64]
 
 PARAMETERS = ("k0", "k1", "k_vertical")
 START, TUNED, GRID = "start", "tuned", "grid"

@@ -18,17 +18,15 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
 from pl_mc.alert import AlertLimits
+from pl_mc.arrays import FloatArray
 from pl_mc.geometry.record import Geometry
 from pl_mc.integrity_risk.rare.importance import tempered
 from pl_mc.integrity_risk.rare.limit_state import LimitState
 from pl_mc.integrity_risk.rare.mixture import Mixture, fit, join, normal
 from pl_mc.integrity_risk.rare.subset import climb, rejuvenate
 from pl_mc.methods import Method
-
-FloatArray = NDArray[np.float64]
 
 # Sizes from which the event is explored; a fault and its negative are equally bad.
 SIZES_M = np.array(

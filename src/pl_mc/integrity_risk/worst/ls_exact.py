@@ -19,6 +19,7 @@ from numpy.typing import ArrayLike, NDArray
 from scipy import special
 
 from pl_mc.alert import AlertLimits
+from pl_mc.arrays import FloatArray
 from pl_mc.geometry.record import Geometry
 from pl_mc.input_errors import require_choice
 from pl_mc.kernels.linear_model import REDUNDANCY_FLOOR
@@ -27,8 +28,6 @@ from pl_mc.statistics.exact import CHI2_ALARM, PL_ALARM
 from pl_mc.statistics.least_squares import ls_quantities
 from pl_mc.statistics.noncentral import joint_exceedance, split_at_threshold
 from pl_mc.statistics.student import chi2_threshold
-
-FloatArray = NDArray[np.float64]
 
 MISSED, MISLEADING = "missed", "misleading"
 EVENTS = (MISSED, MISLEADING)

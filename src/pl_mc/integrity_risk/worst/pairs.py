@@ -17,22 +17,15 @@ from numpy.typing import NDArray
 from scipy import special
 
 from pl_mc.alert import AlertLimits
+from pl_mc.arrays import FloatArray
 from pl_mc.engine.checks import LARGEST_SEED
 from pl_mc.faults import Faults
 from pl_mc.geometry.record import Geometry
 from pl_mc.integrity_risk.rare.limit_state import FAR_M, POINTS_PER_CALL, LimitState, all_axes, rotation
 from pl_mc.integrity_risk.rare.subset import climb
-from pl_mc.integrity_risk.worst.search import (
-    Estimator,
-    climb_faults,
-    fault_columns,
-    last_estimates,
-    scan_faults,
-)
+from pl_mc.integrity_risk.worst.search import Estimator, climb_faults, fault_columns, last_estimates, scan_faults
 from pl_mc.methods import Method
 from pl_mc.statistics.intervals import clopper_pearson
-
-FloatArray = NDArray[np.float64]
 
 # Sizes of the larger bias that are screened: small ones make misleading information, large ones missed detections.
 _SIZES_M = np.array([2.5, 5.0, 10.0, 20.0, 40.0, 70.0, 100.0])

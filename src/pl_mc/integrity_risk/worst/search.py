@@ -10,14 +10,13 @@ import pandas as pd
 from numpy.typing import NDArray
 
 from pl_mc.alert import AlertLimits
+from pl_mc.arrays import FloatArray
 from pl_mc.engine.checks import LARGEST_SEED
 from pl_mc.faults import Faults, fault_label
 from pl_mc.geometry.record import Geometry
 from pl_mc.input_errors import InputError
 from pl_mc.integrity_risk.rare.risk import FEWEST_EVALUATIONS, risk
 from pl_mc.methods import Method
-
-FloatArray = NDArray[np.float64]
 
 # From faults, a target coefficient of variation and a seed to a table with one row per fault and the columns
 # probability, standard_error, low, high, warning.
@@ -146,13 +145,7 @@ def climb_faults(
 
 
 def estimates(
-    g: Geometry,
-    bias_m: FloatArray,
-    estimate: Estimator,
-    target_cov: float,
-    seed: int,
-    *,
-    also: Sequence[str] = (),
+    g: Geometry, bias_m: FloatArray, estimate: Estimator, target_cov: float, seed: int, *, also: Sequence[str] = ()
 ) -> pd.DataFrame:
     """One row per fault (f, n); a probability is missing where the estimator has none to give.
 

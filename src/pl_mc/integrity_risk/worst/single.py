@@ -13,9 +13,9 @@ from typing import Any
 
 import numpy as np
 import pandas as pd
-from numpy.typing import NDArray
 from scipy import stats
 
+from pl_mc.arrays import FloatArray
 from pl_mc.geometry.record import Geometry
 from pl_mc.integrity_risk.worst.bias_curve import (
     LEAST_ESS,
@@ -38,8 +38,6 @@ from pl_mc.integrity_risk.worst.search import (
     last_estimates,
 )
 from pl_mc.runtime.threads import cores, in_order
-
-FloatArray = NDArray[np.float64]
 
 # Sizes at which the finer curve is looked up.
 _LOOKS = 41

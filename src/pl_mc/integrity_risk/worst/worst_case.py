@@ -17,9 +17,9 @@ from typing import Literal
 
 import numpy as np
 import pandas as pd
-from numpy.typing import NDArray
 
 from pl_mc.alert import LPV_200, AlertLimits
+from pl_mc.arrays import FloatArray
 from pl_mc.engine.checks import LARGEST_SEED, require_geometry_and_alert
 from pl_mc.faults import require_satellite
 from pl_mc.geometry.record import Geometry
@@ -48,8 +48,6 @@ from pl_mc.integrity_risk.worst.search import (
 )
 from pl_mc.integrity_risk.worst.single import single_table
 from pl_mc.methods import Ls, Method, as_methods
-
-FloatArray = NDArray[np.float64]
 
 _NEGLIGIBLE = 1e-9
 
