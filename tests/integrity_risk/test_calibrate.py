@@ -396,7 +396,7 @@ def test_bad_input() -> None:
             return Ls().solve(model, prepared, start)
 
     cases: list[tuple[dict, str]] = [
-        ({"target": 0.0}, "target: a positive number"),
+        ({"target": 0.0}, "target: it lies between 0 and 1"),
         ({"target": 1.0}, "target: it lies between 0 and 1"),
         ({"confidence": 1.5}, "confidence: it lies between 0 and 1"),
         ({"event": "missed"}, "event: 'missed' is unknown"),

@@ -62,8 +62,7 @@ def sample(
     require_inputs(g, faults, alert)
     draws = require_whole(draws, field="draws", low=1, high=LARGEST_DRAWS)
     seed = require_whole(seed, field="seed", low=0, high=LARGEST_SEED)
-    chosen, shaped = as_methods(methods), as_noise_model(noise)
-    shaped.require_geometry(g)
+    chosen, shaped = as_methods(methods), as_noise_model(noise, g)
     plan = make_plan(g, faults, draws).block_by_block()
 
     def solved(chunk: Chunk, block: np.int32, *others: np.int32) -> list[Outcome]:

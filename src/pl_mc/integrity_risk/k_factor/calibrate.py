@@ -105,8 +105,8 @@ def calibrate(
     faults = no_fault(g) if faults is None else faults
     require_inputs(g, faults, alert)
     require_choice(event, EVENTS, field="event")
-    for field, value in (("target", target), ("confidence", confidence)):
-        require_fraction(value, field=field)
+    require_fraction(target, field="target")
+    require_fraction(confidence, field="confidence")
     draws = require_whole(draws, field="draws", low=1, high=LARGEST_DRAWS)
     seed = require_whole(seed, field="seed", low=0, high=LARGEST_SEED)
     (chosen,) = as_methods([method])

@@ -22,6 +22,7 @@ from pl_mc.arrays import FloatArray
 from pl_mc.faults import Faults
 from pl_mc.geometry.record import UP, Geometry
 from pl_mc.integrity_risk.rare.limit_state import EpochState
+from pl_mc.integrity_risk.rare.subset import Coordinates
 from pl_mc.kernels import linear_model, start_from
 from pl_mc.methods.base import Method, Outcome
 
@@ -33,14 +34,8 @@ _TILE = 512
 _FAR = 700.0
 
 
-class Ratio(Protocol):
+class Ratio(Coordinates, Protocol):
     """A ratio that knows its coordinates."""
-
-    @property
-    def active(self) -> int: ...
-
-    @property
-    def dimension(self) -> int: ...
 
     def ratio(self, points: FloatArray) -> FloatArray: ...
 

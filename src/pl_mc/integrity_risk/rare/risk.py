@@ -137,8 +137,7 @@ def risk(
     require_fraction(target_cov, field="target_cov")
     threads = cores() if workers is None else require_whole(workers, field="workers", low=1)
     (chosen,) = as_methods([method])
-    model = as_noise_model(noise)
-    model.require_geometry(g)
+    model = as_noise_model(noise, g)
     series = g.as_series()
     available = np.atleast_1d(ls_quantities(series).available)
     rows = [(int(epoch), int(fault)) for epoch, fault in zip(*np.nonzero(faults.applies(g)), strict=True)]

@@ -34,14 +34,18 @@ ACCEPTANCE = 0.35
 _COOLING_SHARE = 0.5
 
 
-class Sampled(Protocol):
-    """A limit state that knows its coordinates, as `pl_mc.integrity_risk.rare.limit_state.LimitState` does."""
+class Coordinates(Protocol):
+    """What knows its coordinates: how many matter, and how many there are."""
 
     @property
     def active(self) -> int: ...
 
     @property
     def dimension(self) -> int: ...
+
+
+class Sampled(Coordinates, Protocol):
+    """A limit state that knows its coordinates, as `pl_mc.integrity_risk.rare.limit_state.LimitState` does."""
 
     def __call__(self, points: FloatArray) -> FloatArray: ...
 

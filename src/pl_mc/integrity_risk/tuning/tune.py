@@ -134,8 +134,8 @@ def tune(
     named = [parameters] if isinstance(parameters, str) else list(parameters)
     for name in named:
         require_choice(name, PARAMETERS, field="parameters")
-    for field, value in (("target", target), ("confidence", confidence)):
-        require_fraction(value, field=field)
+    require_fraction(target, field="target")
+    require_fraction(confidence, field="confidence")
     require_positive(smoothing, field="smoothing")
     draws = require_whole(draws, field="draws", low=1, high=LARGEST_DRAWS)
     counts = draws >= max(int(np.ceil(_FEWEST_EVENTS / target)), fewest_draws(target, confidence))

@@ -221,8 +221,8 @@ def peaks(epoch: LsEpoch, event: str, slopes: ArrayLike) -> tuple[FloatArray, Fl
     low, high = scan[np.maximum(peak - 1, 0)], scan[np.minimum(peak + 1, scan.size - 1)]
     found, top = _refine(epoch, event, slopes[rows][place], low, high)
     for k, row in enumerate(rows):
-        mine = np.flatnonzero(place == k)
-        first = mine[top[mine].argmax()]
+        own = np.flatnonzero(place == k)
+        first = own[top[own].argmax()]
         best_root[row], best[row] = found[first], top[first]
         if top[first] <= values[k, 0] * (1.0 + _FLAT):
             best_root[row], best[row] = 0.0, values[k, 0]

@@ -23,7 +23,14 @@ from pl_mc.faults import Faults
 from pl_mc.geometry.record import Geometry
 from pl_mc.integrity_risk.rare.limit_state import FAR_M, POINTS_PER_CALL, LimitState, all_axes, rotation
 from pl_mc.integrity_risk.rare.subset import climb
-from pl_mc.integrity_risk.worst.search import Estimator, climb_faults, fault_columns, last_estimates, scan_faults
+from pl_mc.integrity_risk.worst.search import (
+    Estimator,
+    Search,
+    climb_faults,
+    fault_columns,
+    last_estimates,
+    scan_faults,
+)
 from pl_mc.methods import Method
 from pl_mc.statistics.intervals import clopper_pearson
 
@@ -103,15 +110,7 @@ class Screen:
 
 
 def screened_table(
-    g: Geometry,
-    groups: Sequence[tuple[int, ...]],
-    guesses_m: FloatArray,
-    screen: Screen,
-    estimate: Estimator,
-    *,
-    target_cov: float,
-    refine: int,
-    seed: int,
+    g: Geometry, groups: Sequence[tuple[int, ...]], guesses_m: FloatArray, screen: Screen, search: Search
 ) -> pd.DataFrame:
     """One row per satellite or pair; the columns are explained at `pl_mc.worst_case`.
 
@@ -121,8 +120,7 @@ def screened_table(
         guesses_m: (groups, n), for each a fault to look around at besides, what is worst for least squares; what is
             not finite is left out [m].
         screen: the quick looks.
-        estimate: of the last estimates.
-        target_cov, refine, seed: as for `pl_mc.worst_case`.
+        search: the options.
     """
     scans = [_faults(group, guess) for group, guess in zip(groups, guesses_m, strict=True)]
     owner = np.repeat(np.arange(len(groups)), [len(scan) for scan in scans])
@@ -136,15 +134,15 @@ def screened_table(
     low, high = clopper_pearson(events[best], len(screen.draws))
     spent = {SCREENED: screen.evaluations}
 
-    listed = np.argsort(-rough, kind="stable")[: max(_FEWEST_PAIRS, _PAIRS_EACH * refine)]
+    listed = np.argsort(-rough, kind="stable")[: max(_FEWEST_PAIRS, _PAIRS_EACH * search.refine)]
     tried = np.concatenate([order[first[k] : first[k] + min(_FAULTS_EACH, len(scans[k]))] for k in listed])
     climbed = screen.climbed(faults[tried])
     for k in listed:
-        mine = np.flatnonzero(owner[tried] == k)
-        at = mine[climbed[mine].argmax()]
+        own = np.flatnonzero(owner[tried] == k)
+        at = own[climbed[own].argmax()]
         bias[k], rough[k] = faults[tried[at]], climbed[at]
-    chosen = listed[np.argsort(-rough[listed], kind="stable")[:refine]]
-    bias[chosen] = climb_faults(g, bias[chosen], [groups[k] for k in chosen], screen.estimator(g), seed)
+    chosen = listed[np.argsort(-rough[listed], kind="stable")[: search.refine]]
+    bias[chosen] = climb_faults(g, bias[chosen], [groups[k] for k in chosen], screen.estimator(g), search.seed)
     spent[SHORTLISTED] = screen.evaluations - spent[SCREENED]
     stage = np.full(len(groups), SCREENED, dtype=object)
     stage[listed], stage[chosen] = SHORTLISTED, REFINED
@@ -162,7 +160,7 @@ def screened_table(
         }
     )
     nothing = [""] * len(groups)
-    spent[REFINED] = last_estimates(g, table, chosen, bias, estimate, target_cov, seed, doubts=nothing)
+    spent[REFINED] = last_estimates(g, table, chosen, bias, search, doubts=nothing)
     place = np.array([(REFINED, SHORTLISTED, SCREENED).index(one) for one in stage])
     table = table.iloc[np.lexsort((-rough, place))]
     table = table.reset_index(drop=True)

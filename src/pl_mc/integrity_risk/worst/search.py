@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Sequence
+from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
@@ -38,6 +39,23 @@ NO_ESTIMATE = "no estimate"
 _COUNTS = ("evaluations", "subset_evaluations")
 
 
+@dataclass(frozen=True)
+class Search:
+    """What all searches by estimates are given.
+
+    Attributes:
+        estimate: the estimator.
+        target_cov: coefficient of variation of the last estimates.
+        refine: how many groups get one.
+        seed: of the search; last estimates have another.
+    """
+
+    estimate: Estimator
+    target_cov: float
+    refine: int
+    seed: int
+
+
 def rare_event_estimator(
     g: Geometry, method: Method, event: str, alert: AlertLimits, *, target_cov: float, max_evaluations: int
 ) -> Estimator:
@@ -57,38 +75,30 @@ def no_events(faults: Faults, target_cov: float, seed: int) -> pd.DataFrame:
     return pd.DataFrame({"probability": zero, "standard_error": zero, "low": zero, "high": zero, "warning": ""})
 
 
-def estimated_table(
-    g: Geometry,
-    groups: Sequence[tuple[int, ...]],
-    estimate: Estimator,
-    *,
-    target_cov: float,
-    refine: int,
-    seed: int,
-) -> pd.DataFrame:
+def estimated_table(g: Geometry, groups: Sequence[tuple[int, ...]], search: Search) -> pd.DataFrame:
     """The search by estimates: scan, refinement, and a last estimate with noise that the search has not seen."""
     scans = [scan_faults(group, len(g.names), _SCAN_M if len(group) == 1 else _PAIR_SCAN_M) for group in groups]
     owner = np.repeat(np.arange(len(groups)), [len(scan) for scan in scans])
     faults = np.concatenate(scans) if scans else np.zeros((0, len(g.names)))
-    scan = estimates(g, faults, estimate, max(target_cov, _SCAN_COV), seed)
+    scan = estimates(g, faults, search.estimate, max(search.target_cov, _SCAN_COV), search.seed)
     value = heights(scan)
     on_grid = (np.isin(np.abs(faults), GRID_M) | (faults == 0)).all(axis=1)
     bias, grid_bias = np.zeros((len(groups), len(g.names))), np.zeros((len(groups), len(g.names)))
     rows, grid_probability, warned = np.zeros(len(groups), int), np.zeros(len(groups)), [""] * len(groups)
     for k in range(len(groups)):
-        mine = np.flatnonzero(owner == k)
-        rows[k] = mine[value[mine].argmax()]
+        own = np.flatnonzero(owner == k)
+        rows[k] = own[value[own].argmax()]
         bias[k] = faults[rows[k]]
-        grid = mine[on_grid[mine]]
+        grid = own[on_grid[own]]
         best = grid[value[grid].argmax()]
         grid_bias[k], grid_probability[k] = faults[best], scan["probability"].iloc[best]
-        unknown = int(scan["probability"].iloc[mine].isna().sum())
-        warned[k] = f"{unknown} of {mine.size} faults of the scan have no estimate" if unknown else ""
+        unknown = int(scan["probability"].iloc[own].isna().sum())
+        warned[k] = f"{unknown} of {own.size} faults of the scan have no estimate" if unknown else ""
     table = scan.iloc[rows].reset_index(drop=True)
-    chosen = np.argsort(-heights(table), kind="stable")[:refine]
-    bias[chosen] = climb_faults(g, bias[chosen], [groups[k] for k in chosen], estimate, seed)
+    chosen = np.argsort(-heights(table), kind="stable")[: search.refine]
+    bias[chosen] = climb_faults(g, bias[chosen], [groups[k] for k in chosen], search.estimate, search.seed)
     table["warning"] = joined(table["warning"], warned)
-    last_estimates(g, table, chosen, bias, estimate, target_cov, seed, doubts=warned)
+    last_estimates(g, table, chosen, bias, search, doubts=warned)
     return pd.DataFrame(
         {
             **fault_columns(g, groups, bias),
@@ -138,8 +148,8 @@ def climb_faults(
         place = np.concatenate([np.arange(len(groups)), owner])
         values = heights(estimates(g, faults, estimate, _REFINE_COV, seed))
         for k in range(len(groups)):
-            mine = np.flatnonzero(place == k)
-            best = mine[values[mine].argmax()]
+            own = np.flatnonzero(place == k)
+            best = own[values[own].argmax()]
             bias_m[k] = faults[best]
     return bias_m
 
@@ -172,9 +182,7 @@ def last_estimates(
     table: pd.DataFrame,
     chosen: NDArray[np.intp],
     bias_m: FloatArray,
-    estimate: Estimator,
-    target_cov: float,
-    seed: int,
+    search: Search,
     *,
     doubts: Sequence[str],
     also: Sequence[str] = (),
@@ -188,9 +196,9 @@ def last_estimates(
         table: a row for each group, with the columns of `estimates`.
         chosen: (c,), its rows.
         bias_m: (groups, n), the faults [m].
-        estimate, target_cov, also: as for `estimates`.
-        seed: of the search.
+        search: the options.
         doubts: for each group what the search says against itself; it stands behind the estimate's warning.
+        also: as for `estimates`.
 
     Returns:
         Scenarios computed, as far as the estimator says.
@@ -201,11 +209,12 @@ def last_estimates(
 
     def counting(faults: Faults, cov: float, fresh_seed: int) -> pd.DataFrame:
         nonlocal spent
-        made = estimate(faults, cov, fresh_seed)
+        made = search.estimate(faults, cov, fresh_seed)
         spent += sum(int(made[column].sum()) for column in _COUNTS if column in made)
         return made
 
-    last = estimates(g, bias_m[chosen], counting, target_cov, (seed + 1) % (LARGEST_SEED + 1), also=also)
+    fresh = (search.seed + 1) % (LARGEST_SEED + 1)
+    last = estimates(g, bias_m[chosen], counting, search.target_cov, fresh, also=also)
     last["warning"] = joined(last["warning"], [doubts[k] for k in chosen])
     for column in last:
         table.loc[chosen, column] = last[column].to_numpy()

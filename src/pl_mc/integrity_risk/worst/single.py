@@ -31,7 +31,7 @@ from pl_mc.integrity_risk.worst.bias_curve import (
 from pl_mc.integrity_risk.worst.search import (
     GRID_M,
     NO_ESTIMATE,
-    Estimator,
+    Search,
     bias_columns,
     fault_columns,
     heights,
@@ -46,30 +46,20 @@ _CHECKS = ("subset_probability", "subset_standard_error")
 EXPLORED, CURVES, REFINED = "explored", "curves", "refined"
 
 
-def single_table(
-    g: Geometry,
-    rows: Sequence[int],
-    region: Region,
-    estimate: Estimator,
-    *,
-    target_cov: float,
-    refine: int,
-    seed: int,
-) -> pd.DataFrame:
+def single_table(g: Geometry, rows: Sequence[int], region: Region, search: Search) -> pd.DataFrame:
     """One row per satellite; the columns are explained at `pl_mc.worst_case`.
 
     Args:
         g: one epoch with redundancy.
         rows: which satellites.
         region: the event.
-        estimate: of the last estimates.
-        target_cov, refine, seed: as for `pl_mc.worst_case`.
+        search: the options.
     """
     count = SIZES_M.size
     traces = np.concatenate([SIZES_M[:, None] * region.traces[row] for row in rows])
 
     def source(stage: int, place: int) -> np.random.Generator:
-        return np.random.default_rng((seed, int(g.epoch), stage, place))
+        return np.random.default_rng((search.seed, int(g.epoch), stage, place))
 
     def population(place: int) -> Explored:
         return explore(region, traces[place], source(1, place))
@@ -86,7 +76,7 @@ def single_table(
     shared = Shared.of(found, traces)
     curves = [one for _, one in in_order(coarse, range(len(rows)), cores(), compiled=True)]
     table, size = _searched(curves, found)
-    chosen = np.argsort(-heights(table), kind="stable")[:refine]
+    chosen = np.argsort(-heights(table), kind="stable")[: search.refine]
     chosen = chosen[table["probability"].to_numpy()[chosen] > 0]
     second = [one for _, one in in_order(finer, [int(j) for j in chosen], cores(), compiled=True)]
     for j, curve in zip(chosen, second, strict=True):
@@ -98,9 +88,8 @@ def single_table(
         EXPLORED: sum(one.evaluations for one in found),
         CURVES: sum(one.evaluations for one in (*curves, *second)),
     }
-    spent[REFINED] = last_estimates(
-        g, table, chosen, bias, estimate, target_cov, seed, doubts=list(table["warning"]), also=_CHECKS
-    )
+    doubts = list(table["warning"])
+    spent[REFINED] = last_estimates(g, table, chosen, bias, search, doubts=doubts, also=_CHECKS)
     groups = [(row,) for row in rows]
     whole = pd.DataFrame(
         {

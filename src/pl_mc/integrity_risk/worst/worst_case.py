@@ -40,6 +40,7 @@ from pl_mc.integrity_risk.worst.search import (
     GRID_M,
     MOST_SATELLITES,
     Estimator,
+    Search,
     bias_columns,
     estimated_table,
     fault_columns,
@@ -148,20 +149,16 @@ def worst_case(
                 estimate = estimator or rare_event_estimator(
                     one, chosen, event, alert, target_cov=target_cov, max_evaluations=max_evaluations
                 )
-            if estimator is None and epoch.available and any(len(group) > 1 for group in groups):
+            search = Search(estimate, target_cov, refine, seed)
+            if estimator is not None or not epoch.available:
+                table = estimated_table(one, groups, search)
+            elif any(len(group) > 1 for group in groups):
                 screen = Screen.of(one, chosen, event, alert, np.random.default_rng((seed, int(one.epoch))))
                 guesses = exact_worst(epoch, event, groups).bias_m
-                table = screened_table(
-                    one, groups, guesses, screen, estimate, target_cov=target_cov, refine=refine, seed=seed
-                )
-            elif estimator is None and epoch.available:
-                region = Region.of(one, chosen, event, alert)
-                rows = [group[0] for group in groups]
-                table = single_table(
-                    one, rows, region, estimate, target_cov=target_cov, refine=refine, seed=seed
-                )  # fmt: skip
+                table = screened_table(one, groups, guesses, screen, search)
             else:
-                table = estimated_table(one, groups, estimate, target_cov=target_cov, refine=refine, seed=seed)
+                region = Region.of(one, chosen, event, alert)
+                table = single_table(one, [group[0] for group in groups], region, search)
         table.insert(0, "epoch", int(one.epoch))
         table.insert(1, "method", chosen.name)
         for stage, number in table.attrs.pop("evaluations", {}).items():
