@@ -102,14 +102,21 @@ class Plan(Cut):
         )
 
 
+def fault_slots(applies: NDArray[np.bool_]) -> tuple[NDArray[np.int64], NDArray[np.bool_]]:
+    """(epochs, width), the faults of each epoch, those that apply there (epochs, f) first; and whether they do."""
+    width = int(applies.sum(axis=1).max(initial=1))
+    order = np.argsort(~applies, axis=1, kind="stable")[:, :width]
+    return order, np.take_along_axis(applies, order, axis=1)
+
+
 def make_plan(g: Geometry, faults: Faults, draws: int) -> Plan:
     """Cut ``draws`` draws of every applicable fault at every epoch into calls of about equal work."""
     series = g.as_series()
     applies = faults.applies(g)
     epochs = np.flatnonzero(applies.any(axis=1))
-    width = int(applies.sum(axis=1).max(initial=1))
-    order = np.argsort(~applies[epochs], axis=1, kind="stable")[:, :width]
-    fault_index = np.where(np.take_along_axis(applies[epochs], order, axis=1), order, -1)
+    order, given = fault_slots(applies[epochs])
+    fault_index = np.where(given, order, -1)
+    width = fault_index.shape[1]
 
     blocks = math.ceil(draws / LANES)
     blocks_at_most = max(1, SCENARIOS_PER_CALL // (width * LANES))
