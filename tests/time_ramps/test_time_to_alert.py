@@ -152,7 +152,7 @@ def test_thresholds_leave_the_share_beyond_them(p_fa: float) -> None:
         ({"tau_s": -1.0}, "tau_s: a correlation time of at least 0 s"),
         ({"share": 1.0}, "share: a share of the variance from 0 to 0.999"),
         ({"onset_s": 390.0}, "onset_s: it lies between"),
-        ({"p_fa": 0.0}, "p_fa: a number between 0 and 1"),
+        ({"p_fa": 0.0}, "p_fa: it lies between 0 and 1"),
         ({"calibration_draws": 10}, "calibration_draws: a whole number from 200"),
     ],
 )

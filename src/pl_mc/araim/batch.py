@@ -11,10 +11,9 @@ from numpy.typing import ArrayLike, NDArray
 
 from pl_mc.araim.budget import Budget
 from pl_mc.araim.modes import UNMONITORED
+from pl_mc.arrays import FloatArray
 from pl_mc.geometry.record import POSITION_UNKNOWNS, SYSTEM_NAMES
 from pl_mc.input_errors import InputError, nearest, require_choice, require_number
-
-FloatArray = NDArray[np.float64]
 
 
 @dataclass(frozen=True)

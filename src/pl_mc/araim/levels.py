@@ -19,11 +19,10 @@ from pl_mc.araim.budget import LPV_200, Budget
 from pl_mc.araim.modes import CONTAINED, FaultModes, fault_modes
 from pl_mc.araim.solving import Levels, solve_levels
 from pl_mc.araim.subsets import fit_subsets
+from pl_mc.arrays import FloatArray
 from pl_mc.geometry.record import EAST, NORTH, POSITION_UNKNOWNS, UP
 from pl_mc.runtime.precision import precision_scope
 from pl_mc.runtime.threads import cores, in_order
-
-FloatArray = NDArray[np.float64]
 
 # Geometries side by side: few enough for the caches, many enough for the vector units.
 TILE = 64

@@ -117,10 +117,7 @@ def fault_modes(
         holders = _holders(sets[shared], sets[chosen])
         probability = probability + (prior[shared] / holders.sum(axis=1)) @ holders
     return FaultModes(
-        excluded=sets[chosen],
-        probability=probability,
-        p_no_fault=p_no_fault,
-        p_not_monitored=max(left(), 0.0),
+        excluded=sets[chosen], probability=probability, p_no_fault=p_no_fault, p_not_monitored=max(left(), 0.0)
     )
 
 

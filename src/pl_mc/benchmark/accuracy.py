@@ -104,34 +104,16 @@ def differences(
     for method, outcome in found.items():
         other = reference[method]
         both = outcome.available & other.available
-        for quantity, one, two in (
+        for quantity, ours, theirs in (
             ("VPL", outcome.vpl_m, other.vpl_m),
             ("vertical error", outcome.vertical_error_m, other.vertical_error_m),
         ):
-            rows.append(_difference(what, precision, method, quantity, one[both] - two[both], outcome, other))
+            by_m = np.abs(ours[both] - theirs[both])
+            size = by_m if by_m.size else np.zeros(1)
+            alone = int((outcome.available != other.available).sum())
+            median, largest = float(np.median(size)), float(size.max())
+            rows.append(Difference(what, precision, method, quantity, int(by_m.size), median, largest, alone))
     return rows
-
-
-def _difference(
-    what: str,
-    precision: str,
-    method: str,
-    quantity: str,
-    by_m: NDArray[np.float64],
-    outcome: NumpyOutcome,
-    other: NumpyOutcome,
-) -> Difference:
-    size = np.abs(by_m) if by_m.size else np.zeros(1)
-    return Difference(
-        what=what,
-        precision=precision,
-        method=method,
-        quantity=quantity,
-        scenarios=int(by_m.size),
-        median_m=float(np.median(size)),
-        largest_m=float(size.max()),
-        availability_differs=int((outcome.available != other.available).sum()),
-    )
 
 
 def disagreements(
@@ -158,19 +140,8 @@ def event_rates(tables: Mapping[str, pd.DataFrame]) -> list[EventRate]:
                 count = int(some[event.count].sum())
                 # All faults saw the same draws of noise.
                 low, high = shared_noise_bounds(count / draws, independent)
-                rows.append(
-                    EventRate(
-                        method=str(method),
-                        event=event.name,
-                        precision=precision,
-                        count=count,
-                        draws=draws,
-                        independent_draws=independent,
-                        rate=count / draws,
-                        low=float(low),
-                        high=float(high),
-                    )
-                )
+                whose = (str(method), event.name, precision, count, draws, independent)
+                rows.append(EventRate(*whose, rate=count / draws, low=float(low), high=float(high)))
     return rows
 
 

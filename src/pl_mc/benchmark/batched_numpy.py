@@ -182,8 +182,5 @@ def count_events(
 def sweep_numpy(g: Geometry, bias_m: Numbers, *, draws: int, seed: int, vertical_m: float) -> NDArray[np.int64]:
     """`count_events` of fresh noise, drawn batch by batch."""
     generator = np.random.default_rng(seed)
-    total = np.zeros((len(bias_m), 2, len(EVENTS)), dtype=np.int64)
-    for first in range(0, draws, BATCH):
-        noise = generator.standard_normal((min(BATCH, draws - first), g.design.shape[0]))
-        total += count_events(g, bias_m, noise, vertical_m)
-    return total
+    sizes = [(min(BATCH, draws - first), g.design.shape[0]) for first in range(0, draws, BATCH)]
+    return np.sum([count_events(g, bias_m, generator.standard_normal(size), vertical_m) for size in sizes], axis=0)

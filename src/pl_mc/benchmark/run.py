@@ -8,7 +8,7 @@ import importlib
 import importlib.util
 import math
 import warnings
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -140,7 +140,10 @@ def run_bench(
     g = problem.reference_geometry()
     tables: dict[str, pd.DataFrame] = {}
     errors_m = problem.reference_errors_m(g, sizes.limit_scenarios, seed=SEED)
-    with _limits(limit, g, errors_m, chosen) as kernels:
+    with contextlib.ExitStack() as stack:
+        kernels: list[Limit] = []
+        if limit is not None:
+            kernels = stack.enter_context(limits(limit, g, errors_m, threads=cores(), precisions=chosen))
         contestants = [*_sweeps(g, chosen, devices, sizes, tables), _numpy(g), *_rlm(g), *_kernels(kernels)]
         rates = measure(
             contestants, seconds=sizes.seconds, rounds=sizes.repetitions,
@@ -254,17 +257,6 @@ def _rlm(g: Geometry) -> list[Contestant]:
         return timed(lambda: fits(scenarios))
 
     return [Contestant(RLM, "float64", 1, 0, unit=1, run=run, share=_RLM_SHARE)]
-
-
-@contextlib.contextmanager
-def _limits(
-    path: Path | str | None, g: Geometry, errors_m: Numbers, precisions: Sequence[str]
-) -> Iterator[list[Limit]]:
-    if path is None:
-        yield []
-        return
-    with limits(path, g, errors_m, threads=cores(), precisions=precisions) as found:
-        yield found
 
 
 def _kernels(kernels: Sequence[Limit]) -> list[Contestant]:

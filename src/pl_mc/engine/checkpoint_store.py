@@ -36,7 +36,7 @@ class BadPart(Exception):
     """A part file that cannot be used; the message says why."""
 
 
-class PartStore(Generic[P]):
+class CheckpointStore(Generic[P]):
     """A folder of part files that belong to one task.
 
     Args:

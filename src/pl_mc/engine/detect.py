@@ -24,6 +24,7 @@ from pl_mc.engine.detect_runs import (
     power_counts,
     verdicts_on,
 )
+from pl_mc.engine.plan import fault_slots
 from pl_mc.faults import Faults
 from pl_mc.geometry.record import Geometry
 from pl_mc.input_errors import require_whole
@@ -81,10 +82,7 @@ def detect(
     draws = require_whole(draws, field="draws", low=1, high=MOST_DRAWS)
     series = g.as_series()
     defined, notes = defined_at(g, options.tests)
-    applies = faults.applies(g)
-    width = int(applies.sum(axis=1).max(initial=1))
-    order = np.argsort(~applies, axis=1, kind="stable")[:, :width]
-    given = np.take_along_axis(applies, order, axis=1)
+    order, given = fault_slots(faults.applies(g))
     bias = faults.bias_m[order[:, :, None], series.satellite[:, None, :]]
     bias_m = np.where(given[:, :, None] & series.in_view[:, None, :], bias, 0.0)
 
@@ -99,6 +97,8 @@ def detect(
     columns: dict[str, object] = {"epoch": series.epoch[place]} if g.is_series else {}
     seen, right = counts[place, slot, test, level].T
     low, high = clopper_pearson(seen, draws)
+    alarms = calibration.false_alarms[place, test, level]
+    p_fa_low, p_fa_high = clopper_pearson(alarms, calibration.draws)
     biased = (faults.bias_m != 0).any(axis=1)[fault]
     columns |= {
         "test": np.array([t.test for t in options.tests], dtype=object)[test],
@@ -114,13 +114,11 @@ def detect(
         "identified_rate": np.where(biased, right / draws, np.nan),
         "threshold": calibration.thresholds[place, test, level],
         "p_fa_nominal": np.full(place.size, options.p_fa),
+        "p_fa_measured": alarms / calibration.draws,
+        "p_fa_low": p_fa_low,
+        "p_fa_high": p_fa_high,
     }
-    alarms = calibration.false_alarms[place, test, level]
-    columns |= dict(zip(("p_fa_low", "p_fa_high"), clopper_pearson(alarms, calibration.draws), strict=True))
-    columns["p_fa_measured"] = alarms / calibration.draws
-    table = pd.DataFrame(columns)
-    table.insert(list(table).index("p_fa_low"), "p_fa_measured", table.pop("p_fa_measured"))
-    table = table.iloc[np.lexsort((fault, level, test, place))].reset_index(drop=True)
+    table = pd.DataFrame(columns).iloc[np.lexsort((fault, level, test, place))].reset_index(drop=True)
     table.attrs["notes"] = [*notes, *notes_on_faults(g, faults)]
     return table
 

@@ -8,7 +8,7 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Protocol
 
-from pl_mc.engine.checkpoint_store import BadPart, PartStore
+from pl_mc.engine.checkpoint_store import BadPart, CheckpointStore
 from pl_mc.engine.compiling import require_devices
 from pl_mc.engine.part_task import P, Task
 from pl_mc.engine.task import PartCounts, SweepTask
@@ -86,7 +86,7 @@ def run_task(
     missing = numbers
     damaged: list[str] = []
     if execution.folder is not None:
-        store = PartStore(
+        store = CheckpointStore(
             execution.folder,
             task,
             numbers=None if execution.shard is None else numbers,

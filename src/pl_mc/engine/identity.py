@@ -62,7 +62,7 @@ def differences(before: Identity, now: Identity, sections: Sequence[str] = (ASKE
     return found
 
 
-def digest(*parts: Any) -> str:
+def array_fingerprint(*parts: Any) -> str:
     """A short name of arrays, or of what makes them: types, shapes and every bit."""
     total = hashlib.sha256()
     for part in parts:

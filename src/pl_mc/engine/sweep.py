@@ -104,8 +104,6 @@ def run_sweep(
 ) -> pd.DataFrame:
     """`pl_mc.sweep`, with the way it runs as one record."""
     require_inputs(g, faults, alert)
-    chosen_noise = as_noise_model(noise)
-    chosen_noise.require_geometry(g)
     task = SweepTask(
         geometry=g,
         faults=faults,
@@ -114,7 +112,7 @@ def run_sweep(
         methods=as_methods(methods),
         alert=alert,
         precision=str(dtype_of(precision)),
-        noise=chosen_noise,
+        noise=as_noise_model(noise, g),
     )
     single = by_epoch or not g.is_series
     totals: EpochTotals | FaultTotals = EpochTotals.of(task) if single else FaultTotals.of(task)

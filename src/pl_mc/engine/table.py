@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from pl_mc.engine.events import EVENTS
 from pl_mc.engine.task import SweepTask
 from pl_mc.engine.totals import EpochTotals, FaultTotals
-from pl_mc.statistics.intervals import clopper_pearson, shared_noise_bounds
+from pl_mc.statistics.intervals import clopper_pearson, rate_columns, shared_noise_bounds
 
 CONFIDENCE = 0.95
 
@@ -33,11 +33,7 @@ def epoch_table(task: SweepTask, totals: EpochTotals) -> pd.DataFrame:
     table = with_rates(pd.DataFrame(columns | _count_columns(kept)))
     # Epoch by epoch, then method by method, the faults in the order in which they were asked for.
     order = np.lexsort(
-        (
-            np.repeat(fault, len(methods)),
-            np.tile(np.arange(len(methods)), rows),
-            np.repeat(place, len(methods)),
-        )
+        (np.repeat(fault, len(methods)), np.tile(np.arange(len(methods)), rows), np.repeat(place, len(methods)))
     )
     return table.iloc[order].reset_index(drop=True)
 
@@ -88,7 +84,7 @@ def with_rates(counts: pd.DataFrame) -> pd.DataFrame:
             # The same counts come again and again; their bounds are worth computing once.
             pairs, place = np.unique(np.stack([seen, draws], axis=1), axis=0, return_inverse=True)
             low, high = (bound[place] for bound in clopper_pearson(pairs[:, 0], pairs[:, 1], CONFIDENCE))
-        columns |= {f"{event.name}_rate": seen / draws, f"{event.name}_low": low, f"{event.name}_high": high}
+        columns |= rate_columns(event.name, seen / draws, low, high)
     return pd.concat([counts, pd.DataFrame(columns, index=counts.index)], axis=1)
 
 

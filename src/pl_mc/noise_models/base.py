@@ -11,7 +11,7 @@ To add a model, write a file beside this one and list its class in `pl_mc.noise_
 from __future__ import annotations
 
 from collections.abc import Sequence
-from typing import Any, Protocol, runtime_checkable
+from typing import Any, ClassVar, Protocol, runtime_checkable
 
 from jax import Array
 
@@ -51,6 +51,27 @@ class NoiseModel(Protocol):
             units: ``inputs_per_row`` arrays (n, lanes), independent standard normal.
         """
         ...
+
+
+class OneNumber:
+    """What most models have in common: one number a satellite, errors that are not Gaussian, any geometry."""
+
+    base_name: ClassVar[str]
+
+    @property
+    def name(self) -> str:
+        return name_with_all_options(self.base_name, self)
+
+    @property
+    def inputs_per_row(self) -> int:
+        return 1
+
+    @property
+    def shifts_only(self) -> bool:
+        return False
+
+    def require_geometry(self, g: Geometry) -> None:
+        return None
 
 
 def make_floats(record: Any, *fields: str) -> None:

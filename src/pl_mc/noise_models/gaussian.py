@@ -7,28 +7,19 @@ from dataclasses import dataclass
 
 from jax import Array
 
-from pl_mc.geometry.record import Geometry
 from pl_mc.kernels import LinearModel
+from pl_mc.noise_models.base import OneNumber
 
 
 @dataclass(frozen=True)
-class Gaussian:
+class Gaussian(OneNumber):
     """Standard normal numbers as they are."""
 
-    @property
-    def name(self) -> str:
-        return "gaussian"
-
-    @property
-    def inputs_per_row(self) -> int:
-        return 1
+    base_name = "gaussian"
 
     @property
     def shifts_only(self) -> bool:
         return True
-
-    def require_geometry(self, g: Geometry) -> None:
-        return None
 
     def shape(self, model: LinearModel, units: Sequence[Array]) -> Array:
         return units[0]

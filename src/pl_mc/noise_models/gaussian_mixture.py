@@ -11,17 +11,16 @@ from jax import Array
 from numpy.typing import NDArray
 from scipy import special
 
-from pl_mc.geometry.record import Geometry
-from pl_mc.input_errors import InputError, require_choice, require_number
+from pl_mc.input_errors import InputError, require_choice, require_fraction, require_number
 from pl_mc.kernels import LinearModel
-from pl_mc.noise_models.base import make_floats, name_with_all_options
+from pl_mc.noise_models.base import OneNumber, make_floats
 from pl_mc.noise_models.quantile_map import QuantileTable, quantile_table, through_table
 
 INFLATED, KEPT = "inflated", "kept"
 
 
 @dataclass(frozen=True)
-class GaussianMixture:
+class GaussianMixture(OneNumber):
     """A core, and with probability ``chance`` a sigma that is ``scale`` times that of the core.
 
     Independent between satellites (the contaminated normal of Tukey 1960).
@@ -33,15 +32,14 @@ class GaussianMixture:
             more; or ``kept``, the standard deviation is sigma, the core narrower.
     """
 
+    base_name = "gaussian_mixture"
+
     chance: float = 0.01
     scale: float = 3.0
     variance: str = INFLATED
 
     def __post_init__(self) -> None:
-        if not 0.0 < require_number(self.chance, field="gaussian_mixture: chance") < 1.0:
-            raise InputError(
-                f"gaussian_mixture: chance: a number above 0 and below 1 is needed, not {self.chance!r}."
-            )
+        require_fraction(self.chance, field="gaussian_mixture: chance")
         if not 1.0 < require_number(self.scale, field="gaussian_mixture: scale") <= 100.0:
             raise InputError(
                 f"gaussian_mixture: scale: a number above 1 and at most 100 is needed, not {self.scale!r}."
@@ -50,25 +48,10 @@ class GaussianMixture:
         make_floats(self, "chance", "scale")
 
     @property
-    def name(self) -> str:
-        return name_with_all_options("gaussian_mixture", self)
-
-    @property
-    def inputs_per_row(self) -> int:
-        return 1
-
-    @property
-    def shifts_only(self) -> bool:
-        return False
-
-    @property
     def core(self) -> float:
         """Standard deviation of the core [sigma]."""
         total = 1.0 - self.chance + self.chance * self.scale**2
         return 1.0 if self.variance == INFLATED else float(total**-0.5)
-
-    def require_geometry(self, g: Geometry) -> None:
-        return None
 
     def shape(self, model: LinearModel, units: Sequence[Array]) -> Array:
         return through_table(_table(self), units[0])

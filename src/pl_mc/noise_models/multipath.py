@@ -9,11 +9,11 @@ from dataclasses import dataclass
 import jax.numpy as jnp
 from jax import Array
 
-from pl_mc.geometry.record import UP, Geometry
+from pl_mc.geometry.record import UP
 from pl_mc.input_errors import InputError, require_choice, require_number, require_positive
 from pl_mc.kernels import LinearModel
 from pl_mc.kernels.linear_model import per_lane
-from pl_mc.noise_models.base import make_floats, name_with_all_options
+from pl_mc.noise_models.base import OneNumber, make_floats
 from pl_mc.noise_models.quantile_map import log_normal_upper
 
 EXPONENTIAL, UNIFORM = "exponential", "uniform"
@@ -21,7 +21,7 @@ METRES, SIGMAS = "m", "sigma"
 
 
 @dataclass(frozen=True)
-class Multipath:
+class Multipath(OneNumber):
     """A delay that a satellite has with some probability, independent between satellites and of the noise.
 
     Attributes:
@@ -33,6 +33,8 @@ class Multipath:
         decay_deg: elevation over which the probability falls to 1/e, chance exp(-elevation / decay) [deg]; the same
             for all satellites unless given.
     """
+
+    base_name = "multipath"
 
     chance: float = 0.01
     size: float = 5.0
@@ -52,19 +54,8 @@ class Multipath:
             make_floats(self, "decay_deg")
 
     @property
-    def name(self) -> str:
-        return name_with_all_options("multipath", self)
-
-    @property
     def inputs_per_row(self) -> int:
         return 2
-
-    @property
-    def shifts_only(self) -> bool:
-        return False
-
-    def require_geometry(self, g: Geometry) -> None:
-        return None
 
     def shape(self, model: LinearModel, units: Sequence[Array]) -> Array:
         noise, occurs = units

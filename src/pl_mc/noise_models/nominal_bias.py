@@ -19,7 +19,7 @@ from pl_mc.geometry.record import UP, Geometry
 from pl_mc.input_errors import InputError, require_choice, require_number
 from pl_mc.kernels import LinearModel
 from pl_mc.kernels.linear_model import per_lane
-from pl_mc.noise_models.base import make_floats, name_with_all_options
+from pl_mc.noise_models.base import OneNumber, make_floats
 from pl_mc.noise_models.quantile_map import log_normal_upper
 
 SIGNS = ("up", "down", "random", "given")
@@ -33,7 +33,7 @@ _HALF_PEAK = 0.5 / math.sqrt(2.0 * math.pi)
 
 
 @dataclass(frozen=True)
-class NominalBias:
+class NominalBias(OneNumber):
     """A bias on every satellite.
 
     Attributes:
@@ -43,6 +43,8 @@ class NominalBias:
             satellite's own in every draw (at most three sigma); ``given``, as ``bias_m`` has it, the same in every
             draw. The first three take sizes that are not negative.
     """
+
+    base_name = "nominal_bias"
 
     bias_m: float | tuple[float, ...] = 0.5
     sign: str = "up"
@@ -64,14 +66,6 @@ class NominalBias:
             object.__setattr__(self, "bias_m", tuple(float(size) for size in sizes))
         else:
             make_floats(self, "bias_m")
-
-    @property
-    def name(self) -> str:
-        return name_with_all_options("nominal_bias", self)
-
-    @property
-    def inputs_per_row(self) -> int:
-        return 1
 
     @property
     def shifts_only(self) -> bool:

@@ -11,17 +11,16 @@ from jax import Array
 from numpy.typing import NDArray
 from scipy import special
 
-from pl_mc.geometry.record import Geometry
 from pl_mc.input_errors import InputError, require_choice, require_positive
 from pl_mc.kernels import LinearModel
-from pl_mc.noise_models.base import make_floats, name_with_all_options
+from pl_mc.noise_models.base import OneNumber, make_floats
 from pl_mc.noise_models.quantile_map import LARGEST, QuantileTable, quantile_table, through_table
 
 SIGMA, CORE = "sigma", "core"
 
 
 @dataclass(frozen=True)
-class StudentT:
+class StudentT(OneNumber):
     """Student's t, independent between satellites.
 
     Attributes:
@@ -29,6 +28,8 @@ class StudentT:
         match: what sigma stands for: ``sigma``, the standard deviation of the errors; or ``core``, half the width
             of the central 68.27 %, as if it had been read off the errors that are usual.
     """
+
+    base_name = "student_t"
 
     nu: float = 4.0
     match: str = SIGMA
@@ -46,26 +47,11 @@ class StudentT:
         make_floats(self, "nu")
 
     @property
-    def name(self) -> str:
-        return name_with_all_options("student_t", self)
-
-    @property
-    def inputs_per_row(self) -> int:
-        return 1
-
-    @property
-    def shifts_only(self) -> bool:
-        return False
-
-    @property
     def unit(self) -> float:
         """What a standard t variable is multiplied by to give errors, in sigma."""
         if self.match == SIGMA:
             return float(np.sqrt((self.nu - 2.0) / self.nu))
         return float(1.0 / -special.stdtrit(self.nu, special.ndtr(-1.0)))
-
-    def require_geometry(self, g: Geometry) -> None:
-        return None
 
     def shape(self, model: LinearModel, units: Sequence[Array]) -> Array:
         return through_table(_table(self), units[0])

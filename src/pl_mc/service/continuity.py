@@ -27,10 +27,9 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from pl_mc.arrays import FloatArray
 from pl_mc.input_errors import InputError, plain_number, require_positive
 from pl_mc.statistics.intervals import shared_noise_bounds
-
-FloatArray = NDArray[np.float64]
 
 
 @dataclass(frozen=True)

@@ -10,11 +10,10 @@ import pandas as pd
 from numpy.typing import NDArray
 
 from pl_mc.alert import AlertLimits
+from pl_mc.arrays import FloatArray
 from pl_mc.service.continuity import Duration, continuity, joined, run_counts
 from pl_mc.service.grid import WorldGrid
-from pl_mc.statistics.intervals import clopper_pearson, shared_noise_bounds
-
-FloatArray = NDArray[np.float64]
+from pl_mc.statistics.intervals import clopper_pearson, rate_columns, shared_noise_bounds
 
 # Shares of the time at which levels are told: a level that is not exceeded half of it, and 99 % of it.
 QUANTILES = (("50", 0.50), ("99", 0.99))
@@ -181,20 +180,16 @@ def site_table(
                 "operation": operation,
                 "scenarios": scenarios,
                 "available": available,
-                "availability_rate": available / scenarios,
-                "availability_low": low,
-                "availability_high": high,
+                **rate_columns("availability", available / scenarios, low, high),
             }
+            exact = bool(counts.exact[m])
             here = {j: (started[:, m, o], stayed[:, m, o]) for j, (started, stayed) in counts.runs.items()}
             for duration in durations:
                 last = duration.runs[-1]
-                value, below, above = continuity(duration, here, exact=bool(counts.exact[m]))
                 columns |= {
                     f"started_{duration.label}": here[last][0],
                     f"stayed_{duration.label}": here[last][1],
-                    f"continuity_{duration.label}_rate": value,
-                    f"continuity_{duration.label}_low": below,
-                    f"continuity_{duration.label}_high": above,
+                    **rate_columns(f"continuity_{duration.label}", *continuity(duration, here, exact=exact)),
                 }
             parts.append(pd.DataFrame(columns))
     return pd.concat(parts, ignore_index=True)
@@ -226,14 +221,10 @@ def world_table(
                 "operation": operation,
                 "scenarios": int(trials.sum()),
                 "available": int(available.sum()),
-                "availability_rate": rate,
-                "availability_low": low,
-                "availability_high": high,
+                **rate_columns("availability", rate, low, high),
                 "coverage_sites": int((by_site >= COVERED).sum()),
                 "sites": len(grid),
-                "coverage_rate": float(weight @ (by_site >= COVERED)),
-                "coverage_low": float(weight @ (lowest >= COVERED)),
-                "coverage_high": float(weight @ (highest >= COVERED)),
+                **rate_columns("coverage", *(float(weight @ (of >= COVERED)) for of in (by_site, lowest, highest))),
                 "worst_rate": float(by_site[worst]),
                 "worst_latitude_deg": float(grid.latitude_deg[worst]),
                 "worst_longitude_deg": float(grid.longitude_deg[worst]),
@@ -246,13 +237,10 @@ def world_table(
                     # Without noise there is nothing that bounds could be about: see `pl_mc.service.continuity`.
                     rates[j] = tuple(np.asarray(part) for part in ((one[0],) * 3 if counts.exact[m] else one))
                 started, stayed = (part[:, m, o] for part in counts.runs[duration.runs[-1]])
-                value, below, above = joined(duration, rates)
                 row |= {
                     f"started_{duration.label}": int(started.sum()),
                     f"stayed_{duration.label}": int(stayed.sum()),
-                    f"continuity_{duration.label}_rate": float(value),
-                    f"continuity_{duration.label}_low": float(below),
-                    f"continuity_{duration.label}_high": float(above),
+                    **rate_columns(f"continuity_{duration.label}", *map(float, joined(duration, rates))),
                 }
             rows.append(row)
     return pd.DataFrame(rows)

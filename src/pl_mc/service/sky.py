@@ -12,14 +12,13 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from pl_mc.arrays import FloatArray
 from pl_mc.error_models import ErrorModel, Sky
 from pl_mc.geometry.constellations import Slot
 from pl_mc.geometry.frames import enu_rotation, from_geodetic
 from pl_mc.geometry.orbits import satellite_positions_m
 from pl_mc.geometry.record import EAST, NORTH, POSITION_UNKNOWNS, SYSTEM_NAMES, UP
 from pl_mc.input_errors import InputError
-
-FloatArray = NDArray[np.float64]
 
 
 @dataclass(frozen=True)

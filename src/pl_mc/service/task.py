@@ -16,7 +16,8 @@ import pyarrow as pa
 from numpy.typing import NDArray
 
 from pl_mc.alert import AlertLimits
-from pl_mc.engine.identity import digest
+from pl_mc.arrays import FloatArray
+from pl_mc.engine.identity import array_fingerprint
 from pl_mc.engine.noise import LANES
 from pl_mc.engine.part_task import Kind
 from pl_mc.geometry.record import Geometry
@@ -29,8 +30,6 @@ from pl_mc.service.counting import ServiceCounts
 from pl_mc.service.grid import WorldGrid
 from pl_mc.service.levels import levels_from_geometry, levels_of_batch
 from pl_mc.service.sky import Geometries, WorldSky
-
-FloatArray = NDArray[np.float64]
 
 # Geometries of a batch: a few sites with all their epochs. Memory is that of a few batches, whatever the grid.
 GEOMETRIES_PER_BATCH = 2_304
@@ -223,7 +222,7 @@ class ServiceTask:
             "mask_deg": self.sky.mask_deg,
             "satellites": " ".join(slot.name for slot in self.sky.slots),
             # Of some sites over the Earth at all epochs: constellations and error models may be anybody's.
-            "geometry": digest(seen.design, seen.sigma_m, seen.in_view, seen.satellite),
+            "geometry": array_fingerprint(seen.design, seen.sigma_m, seen.in_view, seen.satellite),
             "methods": [repr(method) for method in self.methods],
             "operations": [repr(limits) for limits in self.operations],
             "durations_s": [one.seconds for one in self.durations],

@@ -11,21 +11,15 @@ from typing import Any
 
 import numpy as np
 import pandas as pd
-from numpy.typing import NDArray
 
 from pl_mc.alert import LPV_200, OPERATIONS, AlertLimits
+from pl_mc.arrays import FloatArray
 from pl_mc.engine.checks import LARGEST_SEED
 from pl_mc.engine.execution import Execution
 from pl_mc.error_models import ErrorModel, as_error_model
 from pl_mc.geometry.constellations import constellation_slots
 from pl_mc.geometry.gps_time import gps_seconds
-from pl_mc.input_errors import (
-    InputError,
-    require_choice,
-    require_number,
-    require_positive,
-    require_whole,
-)
+from pl_mc.input_errors import InputError, require_choice, require_number, require_positive, require_whole
 from pl_mc.methods import Method, as_methods
 from pl_mc.noise_models import GAUSSIAN, NoiseModel, as_noise_model
 from pl_mc.runtime.precision import dtype_of
@@ -35,8 +29,6 @@ from pl_mc.service.counting import ServiceCounts, level_table, site_table, world
 from pl_mc.service.grid import WorldGrid, world_grid
 from pl_mc.service.sky import WorldSky
 from pl_mc.service.task import ServiceTask
-
-FloatArray = NDArray[np.float64]
 
 DAY_S = 86_400.0
 

@@ -11,10 +11,10 @@ from typing import Literal
 
 import numpy as np
 import pandas as pd
-from numpy.typing import NDArray
 from scipy import special
 
 from pl_mc.alert import LPV_200, AlertLimits
+from pl_mc.arrays import FloatArray
 from pl_mc.constants import K_VERTICAL
 from pl_mc.faults import Faults
 from pl_mc.geometry.record import Geometry
@@ -23,17 +23,8 @@ from pl_mc.statistics.least_squares import fault_effects, ls_quantities
 from pl_mc.statistics.noncentral import joint_exceedance, split_at_threshold
 from pl_mc.statistics.student import chi2_threshold
 
-FloatArray = NDArray[np.float64]
-
 PL_ALARM, CHI2_ALARM = "pl", "chi2"
-RATE_COLUMNS = (
-    "alarm_rate",
-    "hazard_rate",
-    "missed_rate",
-    "misleading_rate",
-    "exceeded_rate",
-    "false_alarm_rate",
-)
+RATE_COLUMNS = ("alarm_rate", "hazard_rate", "missed_rate", "misleading_rate", "exceeded_rate", "false_alarm_rate")
 
 
 def ls_rates(

@@ -24,24 +24,22 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 from jax import Array
-from numpy.typing import NDArray
 
+from pl_mc.arrays import FloatArray
 from pl_mc.geometry.record import POSITION_UNKNOWNS, UP
-from pl_mc.input_errors import InputError, require_choice, require_positive
+from pl_mc.input_errors import InputError, require_choice, require_fraction, require_positive
 from pl_mc.kernels.linear_model import product
 from pl_mc.methods.raim_levels import P_FA
 from pl_mc.time_ramps.signals import NoiseInTime, Rows
 from pl_mc.time_ramps.windows import (
     WindowTests,
     name_with_windows,
-    require_probability,
     whitened,
     window_samples,
     window_seconds,
     window_sums,
+    window_tests,
 )
-
-FloatArray = NDArray[np.float64]
 
 RANDOM_WALK, CONSTANT_VELOCITY = "random_walk", "constant_velocity"
 LS_POSITION, FILTER_POSITION = "ls", "filter"
@@ -88,7 +86,7 @@ class KalmanInnovation:
             require_positive(getattr(self, name), field=f"kalman: {name}")
         if not isinstance(self.coloured, bool):
             raise InputError(f"kalman: coloured: true or false is needed, not {self.coloured!r}.")
-        require_probability("kalman", self.p_fa)
+        require_fraction(self.p_fa, field="kalman: p_fa")
 
     @property
     def name(self) -> str:
@@ -168,11 +166,6 @@ def filter_plan(
         seen = np.einsum("eii->ei", summed) > 1e-12
         basis = np.einsum("ei,ij->eij", seen.astype(float), np.eye(satellites))
         made.append(whitened(summed, basis, window_sums(pulled, w, onset), test.p_fa))
-    tests = WindowTests(
-        whitener=jnp.asarray(np.stack([one[0] for one in made], axis=1)),
-        response=jnp.asarray(np.stack([one[1] for one in made], axis=1)),
-        samples=samples,
-    )
     return FilterPlan(
         measurement=jnp.asarray(measurement),
         gain=jnp.asarray(gain),
@@ -181,7 +174,7 @@ def filter_plan(
         process_root=jnp.asarray(process_root),
         start_root=jnp.asarray(start_root),
         up_m=jnp.asarray(up_m),
-        tests=tests,
+        tests=window_tests(made, samples),
         base=base,
     )
 

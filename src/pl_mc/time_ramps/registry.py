@@ -8,10 +8,7 @@ from pl_mc.named import build_named
 from pl_mc.time_ramps.kalman_innovation import KalmanInnovation
 from pl_mc.time_ramps.sequential_parity import SequentialParity
 
-SEQUENTIAL: dict[str, type] = {
-    "sequential_parity": SequentialParity,
-    "kalman": KalmanInnovation,
-}
+SEQUENTIAL: dict[str, type] = {"sequential_parity": SequentialParity, "kalman": KalmanInnovation}
 
 
 def sequential(name: str, **options: Any) -> SequentialParity | KalmanInnovation:

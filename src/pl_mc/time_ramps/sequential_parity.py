@@ -12,23 +12,21 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
-import jax.numpy as jnp
 import numpy as np
-from numpy.typing import NDArray
 
+from pl_mc.arrays import FloatArray
+from pl_mc.input_errors import require_fraction
 from pl_mc.methods.raim_levels import P_FA
 from pl_mc.time_ramps.signals import NoiseInTime, Rows
 from pl_mc.time_ramps.windows import (
     WindowTests,
     name_with_windows,
-    require_probability,
     whitened,
     window_samples,
     window_seconds,
     window_sums,
+    window_tests,
 )
-
-FloatArray = NDArray[np.float64]
 
 
 @dataclass(frozen=True)
@@ -51,7 +49,7 @@ class SequentialParity:
 
     def __post_init__(self) -> None:
         object.__setattr__(self, "windows_s", window_seconds("sequential_parity", self.windows_s))
-        require_probability("sequential_parity", self.p_fa)
+        require_fraction(self.p_fa, field="sequential_parity: p_fa")
 
     @property
     def name(self) -> str:
@@ -85,20 +83,11 @@ def parity_tests(
     basis = basis * (size > 0.5)[:, None, :]
     samples = window_samples("sequential_parity", test.windows_s, rows.interval_s, onset)
     correlation = noise.correlation(rows.interval_s)
-    made = [
-        whitened(
-            summed_covariance(maps, correlation, noise.share, w, onset),
-            basis,
-            window_sums(ramp, w, onset),
-            test.p_fa,
-        )
-        for w in samples
-    ]
-    return WindowTests(
-        whitener=jnp.asarray(np.stack([one[0] for one in made], axis=1)),
-        response=jnp.asarray(np.stack([one[1] for one in made], axis=1)),
-        samples=samples,
-    )
+    made = []
+    for w in samples:
+        covariance = summed_covariance(maps, correlation, noise.share, w, onset)
+        made.append(whitened(covariance, basis, window_sums(ramp, w, onset), test.p_fa))
+    return window_tests(made, samples)
 
 
 def summed_covariance(maps: FloatArray, correlation: float, share: float, samples: int, onset: int) -> FloatArray:

@@ -14,22 +14,22 @@ from numpy.typing import ArrayLike, NDArray
 from scipy import stats
 
 from pl_mc.alert import LPV_200, AlertLimits
+from pl_mc.arrays import FloatArray
+from pl_mc.engine.calls import Chunk, Cut, run_calls
 from pl_mc.engine.checks import LARGEST_SEED, require_geometry_and_alert
 from pl_mc.geometry.record import Geometry
-from pl_mc.input_errors import InputError, require_number, require_whole
+from pl_mc.input_errors import InputError, require_fraction, require_whole
 from pl_mc.methods import METHODS
 from pl_mc.named import as_records
 from pl_mc.runtime.precision import precision_scope
 from pl_mc.runtime.progress import progress_bar
-from pl_mc.statistics.intervals import clopper_pearson
+from pl_mc.statistics.intervals import clopper_pearson, rate_columns
 from pl_mc.time_ramps.kalman_innovation import KalmanInnovation
-from pl_mc.time_ramps.passes import PassPlan, Test, Watched, pass_plan, watch_block
+from pl_mc.time_ramps.passes import Test, Watched, pass_plan, watch_block
 from pl_mc.time_ramps.registry import SEQUENTIAL
 from pl_mc.time_ramps.sequential_parity import SequentialParity
-from pl_mc.time_ramps.signals import LANES, NoiseInTime, Rows, rows_by_satellite, unit_ramp_m, whole_samples
+from pl_mc.time_ramps.signals import NoiseInTime, Rows, rows_by_satellite, unit_ramp_m, whole_samples
 from pl_mc.time_ramps.snapshot import has_ratio
-
-FloatArray = NDArray[np.float64]
 
 CONFIDENCE = 0.95
 LIMITS_S = (6, 10, 30)
@@ -128,17 +128,31 @@ def time_to_alert(
     ramp_m = unit_ramp_m(rows, satellite, onset)
     with precision_scope("float64"):
         plan = pass_plan(tests, rows, noise, ramp_m, onset, alert.vertical_m)
-        blocks = 2 * math.ceil(calibration_draws / LANES) + math.ceil(draws / LANES)
-        with progress_bar(total=blocks, what="Passes", show=progress) as advance:
+    free, last = (
+        Cut(epoch_count=1, draws=n, epochs_per_call=1, blocks_per_call=1) for n in (calibration_draws, draws)
+    )
+    with progress_bar(total=2 * free.blocks + last.blocks, what="Passes", show=progress) as advance:
 
-            def watch(purpose: int, count: int, sizes: FloatArray, thresholds: FloatArray) -> Watched:
-                return _watch(plan, seed, purpose, count, sizes, thresholds, tests, onset, advance)
+        def watch(purpose: int, cut: Cut, sizes: FloatArray, thresholds: FloatArray) -> Any:
+            """All passes of one purpose, a `Watched` of NumPy arrays."""
 
-            never = np.full(len(tests), np.inf)
-            free = watch(_CALIBRATION, calibration_draws, np.zeros(1), never)
-            thresholds = calibrated(np.asarray(free.largest)[:, 0], p_fa)
-            checked = np.asarray(watch(_CHECK, calibration_draws, np.zeros(1), thresholds).alarm)[:, 0] >= 0
-            seen = watch(_RAMPS, draws, rates, thresholds)
+            def of_block(_: Chunk, block: np.int32, *others: np.int32) -> Watched:
+                return watch_block(
+                    plan, np.uint32(seed), np.uint32(purpose), np.uint32(block), jnp.asarray(sizes),
+                    jnp.asarray(thresholds), tests=tests, onset=onset,
+                )  # fmt: skip
+
+            parts = []
+            for _, watched in run_calls(cut, of_block, precision="float64"):
+                parts.append(watched)
+                advance()
+            # Without the lanes beyond the last draw.
+            return jax.tree.map(lambda *arrays: np.concatenate(arrays, axis=-1)[..., : cut.draws], *parts)
+
+        never = np.full(len(tests), np.inf)
+        thresholds = calibrated(watch(_CALIBRATION, free, np.zeros(1), never).largest[:, 0], p_fa)
+        checked = watch(_CHECK, free, np.zeros(1), thresholds).alarm[:, 0] >= 0
+        seen = watch(_RAMPS, last, rates, thresholds)
     return _table(rows, onset, noise, tests, rates, thresholds, checked, seen)
 
 
@@ -172,9 +186,7 @@ def calibrated(largest: FloatArray, p_fa: float) -> FloatArray:
 
 def require_calibration(draws: int, p_fa: float) -> int:
     """``draws`` fault-free passes, checked to be enough for a threshold of the false-alarm probability ``p_fa``."""
-    if not 0.0 < require_number(p_fa, field="p_fa") < 1.0:
-        raise InputError(f"p_fa: a number between 0 and 1 is needed, not {p_fa!r}.")
-    least = math.ceil(_FEWEST_BEYOND / p_fa)
+    least = math.ceil(_FEWEST_BEYOND / require_fraction(p_fa, field="p_fa"))
     return require_whole(draws, field="calibration_draws", low=least, high=_MOST_DRAWS)
 
 
@@ -199,25 +211,9 @@ def _rates(rates_m_per_s: ArrayLike) -> FloatArray:
     return rates
 
 
-def _watch(
-    plan: PassPlan, seed: int, purpose: int, draws: int, rates: FloatArray, thresholds: FloatArray,
-    tests: tuple[Test, ...], onset: int, advance: Any,
-) -> Watched:  # fmt: skip
-    """All blocks of one purpose, with the lanes beyond the last draw cut off."""
-    parts = []
-    for block in range(math.ceil(draws / LANES)):
-        part = watch_block(
-            plan, np.uint32(seed), np.uint32(purpose), np.uint32(block), jnp.asarray(rates),
-            jnp.asarray(thresholds), tests=tests, onset=onset,
-        )  # fmt: skip
-        parts.append(jax.tree.map(np.asarray, part))
-        advance()
-    return jax.tree.map(lambda *arrays: np.concatenate(arrays, axis=-1)[..., :draws], *parts)
-
-
 def _table(
     rows: Rows, onset: int, noise: NoiseInTime, tests: tuple[Test, ...], rates: FloatArray,
-    thresholds: FloatArray, checked: NDArray[np.bool_], seen: Watched,
+    thresholds: FloatArray, checked: NDArray[np.bool_], seen: Any,
 ) -> pd.DataFrame:  # fmt: skip
     samples = len(rows.design) - onset
     made = []
@@ -235,8 +231,7 @@ def _table(
                     "false_alarm_passes": checked.shape[1],
                     **_rate("false_alarm", false, checked.shape[1]),
                     **timing_columns(
-                        np.asarray(seen.alarm)[k, f], np.asarray(seen.hazard)[k, f],
-                        np.asarray(seen.error_m)[k, f], samples, rows.interval_s,
+                        seen.alarm[k, f], seen.hazard[k, f], seen.error_m[k, f], samples, rows.interval_s,
                     ),
                 }
             )  # fmt: skip
@@ -318,6 +313,5 @@ def quantile_bounds(values: ArrayLike, share: float) -> tuple[float, float, floa
 
 
 def _rate(name: str, count: int, total: int) -> dict[str, float]:
-    low, high = (float(bound) for bound in clopper_pearson(count, total, CONFIDENCE))
-    rate = count / total if total else math.nan
-    return {f"{name}_rate": rate, f"{name}_low": low, f"{name}_high": high}
+    bounds = (float(bound) for bound in clopper_pearson(count, total, CONFIDENCE))
+    return rate_columns(name, count / total if total else math.nan, *bounds)

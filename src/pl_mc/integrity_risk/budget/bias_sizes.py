@@ -6,12 +6,11 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 from scipy import special, stats
 
+from pl_mc.arrays import FloatArray
 from pl_mc.input_errors import InputError, require_choice
-
-FloatArray = NDArray[np.float64]
 
 # Sizes of one satellite are integrated over their distribution function: panels with Gauss-Legendre nodes in each.
 # Rare sizes may be the dangerous ones, and a quantile changes ever faster towards 0 and 1: decades at either end.

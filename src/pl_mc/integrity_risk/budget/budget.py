@@ -19,11 +19,12 @@ from typing import Any, Literal
 
 import numpy as np
 import pandas as pd
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 from scipy import special
 
 from pl_mc.alert import LPV_200, AlertLimits
-from pl_mc.engine.checks import LARGEST_SEED, require_geometry_and_alert
+from pl_mc.arrays import FloatArray
+from pl_mc.engine.checks import LARGEST_SEED, require_geometry_and_alert, require_single
 from pl_mc.faults import Faults, fault_label
 from pl_mc.geometry.record import Geometry
 from pl_mc.input_errors import InputError, require_choice, require_positive, require_whole
@@ -43,20 +44,12 @@ from pl_mc.integrity_risk.worst.ls_exact import (
     event_probability,
     ls_epoch,
     require_event,
-    require_single,
     upper_bound,
     worst_direction,
 )
-from pl_mc.integrity_risk.worst.worst_case import (
-    NO_ESTIMATE,
-    Estimator,
-    exact_worst,
-    rare_event_estimator,
-    worst_case,
-)
+from pl_mc.integrity_risk.worst.search import NO_ESTIMATE, Estimator, rare_event_estimator
+from pl_mc.integrity_risk.worst.worst_case import exact_worst, worst_case
 from pl_mc.methods import Ls, Method, as_methods
-
-FloatArray = NDArray[np.float64]
 
 NOT_MONITORED, TOTAL = "not_monitored", "total"
 EXACT, ESTIMATED, BOUNDED = "exact", "estimated", "bounded by the prior"
@@ -207,14 +200,7 @@ def _choose_pairs(modes: Sequence[Mode], epoch: LsEpoch, pairs: str | int) -> li
 
 
 def _exact_conditionals(
-    g: Geometry,
-    epoch: LsEpoch,
-    event: str,
-    modes: Sequence[Mode],
-    sizes: Sizes | None,
-    *,
-    draws: int,
-    seed: int,
+    g: Geometry, epoch: LsEpoch, event: str, modes: Sequence[Mode], sizes: Sizes | None, *, draws: int, seed: int
 ) -> dict[int, Conditional]:
     """P(event | mode) of every mode that is analysed, under least squares."""
     at = [k for k, mode in enumerate(modes) if mode.analysed]
@@ -367,30 +353,20 @@ def _label(g: Geometry, bias_m: FloatArray) -> str:
 def _table(
     modes: Sequence[Mode], found: Mapping[int, Conditional], rest: float, samples: int, target: float
 ) -> pd.DataFrame:
-    rows = []
-    for k, mode in enumerate(modes):
-        if mode.analysed:
-            rows.append((mode.kind, mode.label, mode.prior, found[k]))
+    rows = [(mode.kind, mode.label, mode.prior, found[k]) for k, mode in enumerate(modes) if mode.analysed]
     rows.append((NOT_MONITORED, "", rest, _AT_MOST_ONE))
+    names = ("probability", "standard_error", "low", "high", "found", "warning")
     table = pd.DataFrame(
-        {
-            "mode": [kind for kind, *_ in rows],
-            "failed": [label for _, label, *_ in rows],
-            "fault": [each.fault for *_, each in rows],
-            "prior": [prior for *_, prior, _ in rows],
-            "probability": [each.probability for *_, each in rows],
-            "standard_error": [each.standard_error for *_, each in rows],
-            "low": [each.low for *_, each in rows],
-            "high": [each.high for *_, each in rows],
-            "found": [each.found for *_, each in rows],
-            "warning": [each.warning for *_, each in rows],
-        }
+        [
+            {"mode": kind, "failed": label, "fault": each.fault, "prior": prior}
+            | {name: getattr(each, name) for name in names}
+            for kind, label, prior, each in rows
+        ]
     )
     prior = table["prior"]
-    per_sample = {"risk_per_sample": prior * table["probability"]}
     approach = samples * prior
     table = table.assign(
-        **per_sample,
+        risk_per_sample=prior * table["probability"],
         risk_per_approach=approach * table["probability"],
         risk_low=approach * table["low"],
         risk_high=approach * table["high"],

@@ -13,12 +13,10 @@ from itertools import combinations
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
+from pl_mc.arrays import FloatArray
 from pl_mc.geometry.record import SYSTEM_NAMES, Geometry
 from pl_mc.input_errors import InputError, require_choice
-
-FloatArray = NDArray[np.float64]
 
 INDEPENDENT, COMMON = "independent", "common"
 FAULT_FREE, SATELLITE, PAIR, CONSTELLATION = "fault_free", "satellite", "pair", "constellation"

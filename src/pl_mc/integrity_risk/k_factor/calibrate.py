@@ -21,9 +21,9 @@ from pl_mc.alert import LPV_200, AlertLimits
 from pl_mc.engine.checks import LARGEST_DRAWS, LARGEST_SEED, require_geometry_and_alert, require_inputs
 from pl_mc.faults import Faults, no_fault
 from pl_mc.geometry.record import Geometry
-from pl_mc.input_errors import InputError, require_choice, require_positive, require_whole
+from pl_mc.input_errors import InputError, require_choice, require_fraction, require_whole
 from pl_mc.integrity_risk.k_factor.error_to_level_ratio import EVENTS, ratio_state
-from pl_mc.integrity_risk.k_factor.exceedance_curve import TailCurve
+from pl_mc.integrity_risk.k_factor.exceedance_curve import ExceedanceCurve
 from pl_mc.integrity_risk.k_factor.from_curve import from_curve
 from pl_mc.integrity_risk.k_factor.order_statistics import counted, drawn_ratios, fewest_draws, order_bounds
 from pl_mc.integrity_risk.k_factor.record import (
@@ -31,15 +31,13 @@ from pl_mc.integrity_risk.k_factor.record import (
     alarm_columns,
     alarm_rate,
     always_alarms,
-    exact_multiplier,
+    exact_k_factor,
     require_multiple,
 )
 from pl_mc.integrity_risk.k_factor.search import bounds_of, first_guess, searched
-from pl_mc.integrity_risk.worst.worst_case import Estimator
+from pl_mc.integrity_risk.worst.search import Estimator
 from pl_mc.methods import Ls, Method, as_methods
 from pl_mc.statistics.least_squares import ls_quantities
-
-__all__ = ["calibrate", "fewest_draws", "order_bounds"]
 
 
 def calibrate(
@@ -107,9 +105,8 @@ def calibrate(
     faults = no_fault(g) if faults is None else faults
     require_inputs(g, faults, alert)
     require_choice(event, EVENTS, field="event")
-    for field, value in (("target", target), ("confidence", confidence)):
-        if not require_positive(value, field=field) < 1.0:
-            raise InputError(f"{field}: it lies between 0 and 1, both excluded, not {value!r}.")
+    require_fraction(target, field="target")
+    require_fraction(confidence, field="confidence")
     draws = require_whole(draws, field="draws", low=1, high=LARGEST_DRAWS)
     seed = require_whole(seed, field="seed", low=0, high=LARGEST_SEED)
     (chosen,) = as_methods([method])
@@ -134,25 +131,15 @@ def calibrate(
                 "target": float(target),
             }
             if isinstance(chosen, Ls) and estimator is None:
-                found, alarm = exact_multiplier(part, fault, chosen, event, alert, target)
+                found, alarm = exact_k_factor(part, fault, chosen, event, alert, target)
             else:
                 found, alarm, curve = _estimated(
-                    part,
-                    fault,
-                    chosen,
-                    event,
-                    alert,
-                    target=target,
-                    confidence=confidence,
-                    draws=draws,
-                    seed=seed,
-                    target_cov=target_cov,
-                    max_evaluations=max_evaluations,
-                    estimator=estimator,
-                )
+                    part, fault, chosen, event, alert, target=target, confidence=confidence, draws=draws, seed=seed,
+                    target_cov=target_cov, max_evaluations=max_evaluations, estimator=estimator,
+                )  # fmt: skip
                 if curve is not None:
                     curves.append(_curve_columns(keys, curve, confidence))
-            rows.append(keys | _columns(found, float(chosen.k_vertical)) | alarm | _check_columns(found))
+            rows.append(keys | _columns(found, float(chosen.k_vertical), alarm))
     if not rows:
         raise InputError("faults: none of them has all of its satellites in view at any epoch of this geometry.")
     table = pd.DataFrame(rows)
@@ -178,7 +165,7 @@ def _estimated(
     target_cov: float,
     max_evaluations: int,
     estimator: Callable[[Method], Estimator] | None,
-) -> tuple[Found, dict[str, float], TailCurve | None]:
+) -> tuple[Found, dict[str, float], ExceedanceCurve | None]:
     unit_m, ratio = drawn_ratios(g, fault, method, event, alert, draws=draws, seed=seed)
     high, low = order_bounds(ratio.size, target, confidence)
     curve = None
@@ -216,30 +203,15 @@ def _estimated(
     return found, alarm_columns(*alarm), curve
 
 
-def _columns(found: Found, k_before: float) -> dict[str, object]:
-    return {
-        "found": found.found,
-        "draws": found.draws,
-        "k_vertical": found.k,
-        "k_low": found.low,
-        "k_high": found.high,
-        "inflation": found.high / k_before,
-        "probability": found.probability,
-        "probability_low": found.probability_low,
-        "probability_high": found.probability_high,
-    }
+def _columns(found: Found, k_before: float, alarm: dict[str, float]) -> dict[str, object]:
+    names = ("probability", "probability_low", "probability_high")
+    checks = ("check_probability", "check_low", "check_high", "warning")
+    first = {"found": found.found, "draws": found.draws, "k_vertical": found.k, "k_low": found.low}
+    first |= {"k_high": found.high, "inflation": found.high / k_before}
+    return first | {name: getattr(found, name) for name in names} | alarm | {c: getattr(found, c) for c in checks}
 
 
-def _check_columns(found: Found) -> dict[str, object]:
-    return {
-        "check_probability": found.check_probability,
-        "check_low": found.check_low,
-        "check_high": found.check_high,
-        "warning": found.warning,
-    }
-
-
-def _curve_columns(keys: dict[str, Any], curve: TailCurve, confidence: float) -> dict[str, Any]:
+def _curve_columns(keys: dict[str, Any], curve: ExceedanceCurve, confidence: float) -> dict[str, Any]:
     low, high = curve.bounds(confidence)
     columns = {"k_vertical": curve.k, "probability": curve.probability, "low": low, "high": high}
     return {name: keys[name] for name in ("epoch", "method", "fault")} | {

@@ -16,16 +16,15 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 from jax import Array
-from numpy.typing import NDArray
 
 from pl_mc.alert import AlertLimits
+from pl_mc.arrays import FloatArray
 from pl_mc.faults import Faults
 from pl_mc.geometry.record import UP, Geometry
-from pl_mc.integrity_risk.rare.limit_state import EpochState, in_calls, rotation
+from pl_mc.integrity_risk.rare.limit_state import EpochState
+from pl_mc.integrity_risk.rare.subset import Coordinates
 from pl_mc.kernels import linear_model, start_from
 from pl_mc.methods.base import Method, Outcome
-
-FloatArray = NDArray[np.float64]
 
 EXCEEDED, MISLEADING = "exceeded", "misleading"
 EVENTS = (EXCEEDED, MISLEADING)
@@ -35,14 +34,8 @@ _TILE = 512
 _FAR = 700.0
 
 
-class Ratio(Protocol):
+class Ratio(Coordinates, Protocol):
     """A ratio that knows its coordinates."""
-
-    @property
-    def active(self) -> int: ...
-
-    @property
-    def dimension(self) -> int: ...
 
     def ratio(self, points: FloatArray) -> FloatArray: ...
 
@@ -53,20 +46,7 @@ class RatioState(EpochState):
 
     def ratio(self, points: FloatArray) -> FloatArray:
         """(N,), the ratio of points (N, dimension), standard normal; zero where no multiplier has the event."""
-        return in_calls(
-            points,
-            self.coordinates,
-            lambda noise: _ratios(
-                self.design,
-                self.sigma_m,
-                self.in_view,
-                self.bias_m,
-                noise,
-                np.float64(self.vertical_m),
-                np.bool_(self.event == MISLEADING),
-                method=self.method,
-            ),
-        )
+        return self.computed(points, _ratios, np.bool_(self.event == MISLEADING))
 
     def at(self, k: float) -> RatioLimit:
         """The limit state of the event at one multiplier."""
@@ -105,12 +85,9 @@ def ratio_state(g: Geometry, fault: Faults, method: Method, event: str, alert: A
         event: one of `EVENTS`.
         alert: alert limits; the vertical one is used.
     """
-    series = g.as_series()
-    seen, design, sigma = series.in_view[0], series.design[0], series.sigma_m[0]
-    bias = np.where(seen, fault.bias_m[0, series.satellite[0]], 0.0)
     # A change of the multiplier would be another record, and a compilation of its own.
     unit: Any = dataclasses.replace(method, k_vertical=1.0)  # type: ignore[type-var]
-    return RatioState(design, sigma, seen, bias, unit, event, alert.vertical_m, rotation(design, sigma, seen, bias))
+    return RatioState.of(g.as_series(), 0, fault.bias_m[0], unit, event, alert)
 
 
 def ratio_of(outcome: Outcome, vertical_m: Array | float, misleading: Array | bool) -> Array:

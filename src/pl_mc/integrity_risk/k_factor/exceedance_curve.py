@@ -11,13 +11,11 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy import stats
 
+from pl_mc.arrays import FloatArray
 from pl_mc.integrity_risk.k_factor.error_to_level_ratio import Ratio
 from pl_mc.integrity_risk.rare.subset import LEVEL_FRACTION, MOST_LEVELS, MOVES, move, systematic
-
-FloatArray = NDArray[np.float64]
 
 # Points of a population; populations at the least and at the most.
 POPULATION = 4096
@@ -54,7 +52,7 @@ class Ladder:
 
 
 @dataclass(frozen=True)
-class TailCurve:
+class ExceedanceCurve:
     """The mean curve of several populations.
 
     Attributes:
@@ -92,7 +90,7 @@ class TailCurve:
         )
         return probability, error
 
-    def multiplier(self, target: float, confidence: float) -> tuple[float, float, float]:
+    def k_factor(self, target: float, confidence: float) -> tuple[float, float, float]:
         """The multiplier at which the curve is the target, and bounds that each have the confidence.
 
         The upper bound is the smallest beyond which the curve's upper bound stays at or below the target, as far as
@@ -151,7 +149,7 @@ def climb_ratios(
     return Ladder(np.array(levels), np.array(logs), tuple(kept), spent)
 
 
-def tail_curve(
+def exceedance_curve(
     state: Ratio,
     rng: np.random.Generator,
     *,
@@ -160,7 +158,7 @@ def tail_curve(
     most_evaluations: int,
     size: int = POPULATION,
     fewest: int = _FEWEST,
-) -> TailCurve:
+) -> ExceedanceCurve:
     """The curve from populations that are added until its error at the target is what is asked for.
 
     Args:
@@ -179,7 +177,7 @@ def tail_curve(
         if len(ladders) < min(fewest, _MOST):
             continue
         curve = mean_curve(ladders, target)
-        k = curve.multiplier(target, 0.5)[0]
+        k = curve.k_factor(target, 0.5)[0]
         if np.isfinite(k):
             probability, error = curve.at(k)
             if error <= target_cov * probability:
@@ -189,21 +187,21 @@ def tail_curve(
     return curve
 
 
-def mean_curve(ladders: list[Ladder], target: float) -> TailCurve:
+def mean_curve(ladders: list[Ladder], target: float) -> ExceedanceCurve:
     """The mean of populations, as far as each of them has points, from where the event is common."""
     positive = [ladder.ratios[0][ladder.ratios[0] > 0] for ladder in ladders]
     last = min(float(ladder.ratios[-1][-1]) for ladder in ladders)
     if not all(each.size for each in positive) or not 0.0 < last < np.inf:
         # No event at all, or levels of zero among the points: there is no curve.
         nothing = np.zeros(1)
-        return TailCurve(np.ones(1), nothing, nothing, len(ladders), sum(one.evaluations for one in ladders))
+        return ExceedanceCurve(np.ones(1), nothing, nothing, len(ladders), sum(one.evaluations for one in ladders))
     first = min(float(np.median(each)) for each in positive)
     k = np.geomspace(first, last, _STEPS)
     each = np.stack([ladder.probability(k) for ladder in ladders])
     # Beyond a decade or two below the target few points are left, and a curve of few is none.
     enough = each.mean(axis=0) > target / 100.0
     error = each.std(axis=0, ddof=1) / np.sqrt(len(ladders))
-    return TailCurve(
+    return ExceedanceCurve(
         k=k[enough],
         probability=each.mean(axis=0)[enough],
         standard_error=error[enough],

@@ -13,16 +13,14 @@ import zlib
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
+from pl_mc.arrays import FloatArray
 from pl_mc.integrity_risk.k_factor.error_to_level_ratio import RatioState
-from pl_mc.integrity_risk.k_factor.exceedance_curve import TailCurve, tail_curve
+from pl_mc.integrity_risk.k_factor.exceedance_curve import ExceedanceCurve, exceedance_curve
 from pl_mc.integrity_risk.k_factor.record import RARE, Found
 from pl_mc.integrity_risk.rare.importance import importance_sampling
 from pl_mc.integrity_risk.rare.risk import judge
 from pl_mc.integrity_risk.rare.subset import Sampled, SubsetRun, climb
-
-FloatArray = NDArray[np.float64]
 
 # The curve gets this share of the evaluations, and the check's own populations this one, at the most.
 _CURVE_SHARE, _START_SHARE = 0.5, 0.15
@@ -34,7 +32,7 @@ class Calibrated:
     """A multiplier, and the curve that it comes from."""
 
     found: Found
-    curve: TailCurve
+    curve: ExceedanceCurve
 
 
 def from_curve(
@@ -61,32 +59,29 @@ def from_curve(
     seeds = np.random.SeedSequence((*key, zlib.crc32(name.encode()))).spawn(2)
     first, second = (np.random.default_rng(seed) for seed in seeds)
     budget = int(_CURVE_SHARE * most_evaluations)
-    curve = tail_curve(state, first, target=target, target_cov=target_cov, most_evaluations=budget)
-    k, low, high = curve.multiplier(target, confidence)
+    curve = exceedance_curve(state, first, target=target, target_cov=target_cov, most_evaluations=budget)
+    k, low, high = curve.k_factor(target, confidence)
+
+    def nothing(spent: int, note: str, **checked: float) -> Calibrated:
+        return Calibrated(Found(np.nan, 0.0, np.inf, np.nan, 0.0, 1.0, RARE, spent, note, **checked), curve)
+
     if not np.isfinite(k):
-        note = "no population of subset simulation came down to the target"
-        none = Found(np.nan, 0.0, np.inf, np.nan, 0.0, 1.0, RARE, curve.evaluations, note)
-        return Calibrated(none, curve)
+        return nothing(curve.evaluations, "no population of subset simulation came down to the target")
     probability, error = curve.at(k)
     known, spent = _start(state.at(k), second, int(_START_SHARE * most_evaluations))
     left = most_evaluations - curve.evaluations - spent
     run = importance_sampling(state.at(k), second, target_cov=target_cov, most_evaluations=left, known=known)
     spent += curve.evaluations + run.evaluations
     if np.isnan(run.probability):
-        note = f"importance sampling never met the event at K = {k:.4g}, where subset simulation puts {target:g}"
-        return Calibrated(Found(np.nan, 0.0, np.inf, np.nan, 0.0, 1.0, RARE, spent, note), curve)
+        where = f"at K = {k:.4g}, where subset simulation puts {target:g}"
+        return nothing(spent, f"importance sampling never met the event {where}")
     check = SubsetRun(probability, error, curve.populations, curve.evaluations)
     verdict = judge(run, check, evaluations=run.evaluations, target_cov=target_cov)
     notes = [f"at K = {k:.4g}: {verdict.warning}"] if verdict.warning else []
-    checked = {
-        "check_probability": run.probability,
-        "check_low": verdict.low,
-        "check_high": verdict.high,
-    }
+    checked = {"check_probability": run.probability, "check_low": verdict.low, "check_high": verdict.high}
     if np.isnan(verdict.probability):
         # Neither is known to be right: no multiplier, and no bound of it.
-        none = Found(np.nan, 0.0, np.inf, np.nan, 0.0, 1.0, RARE, spent, "; ".join(notes), **checked)
-        return Calibrated(none, curve)
+        return nothing(spent, "; ".join(notes), **checked)
     if not np.isfinite(high):
         notes.append("no upper bound was reached")
     if low <= 0.0:
@@ -105,14 +100,7 @@ def _start(limit: Sampled, rng: np.random.Generator, most_evaluations: int) -> t
     """Points in the event from populations of nominal noise, as many from each, and what they cost."""
     points, spent = [np.empty((0, limit.dimension))], 0
     for _ in range(_POPULATIONS):
-        run = climb(
-            limit,
-            rng,
-            size=_POPULATION,
-            dimension=limit.dimension,
-            active=limit.active,
-            most_evaluations=most_evaluations - spent,
-        )
+        run = climb(limit, rng, size=_POPULATION, most_evaluations=most_evaluations - spent)
         spent += run.evaluations
         points.append(run.points[: _POPULATION // _POPULATIONS])
     return np.concatenate(points), spent

@@ -9,18 +9,16 @@ import math
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy import stats
 
 from pl_mc.alert import AlertLimits
+from pl_mc.arrays import FloatArray
 from pl_mc.engine import sample
 from pl_mc.faults import Faults
 from pl_mc.geometry.record import Geometry
 from pl_mc.integrity_risk.k_factor.error_to_level_ratio import MISLEADING
 from pl_mc.integrity_risk.k_factor.record import COUNTING, Found
 from pl_mc.statistics.intervals import clopper_pearson
-
-FloatArray = NDArray[np.float64]
 
 # An alert limit that no protection level passes: an alarm in spite of it is the method's own test.
 NO_LIMIT = AlertLimits("none", vertical_m=1e300, horizontal_m=1e300)

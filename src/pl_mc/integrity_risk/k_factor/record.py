@@ -69,7 +69,7 @@ def always_alarms() -> Found:
     return Found(0.0, 0.0, 0.0, 0.0, 0.0, 0.0, EXACT, 0)
 
 
-def exact_multiplier(
+def exact_k_factor(
     g: Geometry, fault: Faults, method: Ls, event: str, alert: AlertLimits, target: float
 ) -> tuple[Found, dict[str, float]]:
     """Least squares; ``g`` is a series over which the mean risk counts."""

@@ -11,13 +11,11 @@ from collections.abc import Callable
 
 import numpy as np
 import pandas as pd
-from numpy.typing import NDArray
 from scipy import stats
 
+from pl_mc.arrays import FloatArray
 from pl_mc.input_errors import InputError
 from pl_mc.integrity_risk.k_factor.record import LARGEST_FACTOR, RARE, SMALLEST_FACTOR, Found
-
-FloatArray = NDArray[np.float64]
 
 # Multipliers that may be tried, and how close to the target the search has to come.
 _MOST_TRIALS, _MOST_STEPS = 12, 12

@@ -5,19 +5,16 @@ from __future__ import annotations
 from dataclasses import replace
 
 import numpy as np
-from numpy.typing import NDArray
 
 from pl_mc.alert import AlertLimits
 from pl_mc.faults import Faults
 from pl_mc.geometry.record import Geometry
 from pl_mc.integrity_risk.k_factor.error_to_level_ratio import RatioState, ratio_state
 from pl_mc.integrity_risk.k_factor.exceedance_curve import climb_ratios, mean_curve
-from pl_mc.integrity_risk.k_factor.record import SMALLEST_FACTOR, exact_multiplier, require_multiple
+from pl_mc.integrity_risk.k_factor.record import SMALLEST_FACTOR, exact_k_factor, require_multiple
 from pl_mc.integrity_risk.rare.limit_state import all_axes
 from pl_mc.methods import Ls, Method
 from pl_mc.statistics.exact import ls_rates
-
-FloatArray = NDArray[np.float64]
 
 # Draws, the same for every fault, and the quantile of their ratios that orders the faults first.
 _DRAWS, _QUANTILE = 4096, 0.995
@@ -55,17 +52,15 @@ def neediest_fault(
     scores = [float(np.quantile(replace(one, coordinates=plain).ratio(noise), _QUANTILE)) for one in states]
     left = np.argsort(-np.array(scores), kind="stable")[:_SECOND]
     for size, populations, keep in zip((_SMALL, _WHOLE), _POPULATIONS, (_THIRD, 1), strict=True):
-        k = [
-            _multiplier(states[one], target, size, populations, np.random.default_rng((seed, size))) for one in left
-        ]
+        k = [_k_factor(states[one], target, size, populations, np.random.default_rng((seed, size))) for one in left]
         left = left[np.argsort(-np.array(k), kind="stable")[:keep]]
     return int(left[0])
 
 
-def _multiplier(state: RatioState, target: float, size: int, populations: int, rng: np.random.Generator) -> float:
+def _k_factor(state: RatioState, target: float, size: int, populations: int, rng: np.random.Generator) -> float:
     """The multiplier of a curve of few populations; zero where none came down to the target."""
     ladders = [climb_ratios(state, rng, target=target, size=size) for _ in range(populations)]
-    return float(np.nan_to_num(mean_curve(ladders, target).multiplier(target, 0.5)[0]))
+    return float(np.nan_to_num(mean_curve(ladders, target).k_factor(target, 0.5)[0]))
 
 
 def _neediest_of_ls(g: Geometry, faults: Faults, method: Ls, event: str, alert: AlertLimits, target: float) -> int:
@@ -77,7 +72,7 @@ def _neediest_of_ls(g: Geometry, faults: Faults, method: Ls, event: str, alert: 
         if rates[worst] <= target * (1.0 + 1e-6):
             return best
         best = worst
-        found, _ = exact_multiplier(g.as_series(), _one(faults, worst), method, event, alert, target)
+        found, _ = exact_k_factor(g.as_series(), _one(faults, worst), method, event, alert, target)
         k = found.k
 
 

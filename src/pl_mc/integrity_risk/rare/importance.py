@@ -17,12 +17,10 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
+from pl_mc.arrays import FloatArray
 from pl_mc.integrity_risk.rare.mixture import Mixture, fit, join, normal
 from pl_mc.integrity_risk.rare.subset import MOVES, Sampled, climb, rejuvenate
-
-FloatArray = NDArray[np.float64]
 
 # Searches, each with an exploration, a proposal and a last sample of its own: at least, and at most.
 _FEWEST_SEARCHES, _MOST_SEARCHES = 4, 16
@@ -208,15 +206,7 @@ def _explore(limit: Sampled, rng: np.random.Generator, most_evaluations: int) ->
     for noise in _EXPLORING_NOISE:
         if spent + _POPULATION > most_evaluations:
             break
-        run = climb(
-            limit,
-            rng,
-            size=_POPULATION,
-            dimension=limit.dimension,
-            active=limit.active,
-            noise=noise,
-            most_evaluations=most_evaluations - spent,
-        )
+        run = climb(limit, rng, size=_POPULATION, noise=noise, most_evaluations=most_evaluations - spent)
         spent += run.evaluations
         points.append(run.points)
     return np.concatenate(points), spent

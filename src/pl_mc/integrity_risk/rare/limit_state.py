@@ -9,6 +9,7 @@ from __future__ import annotations
 import functools
 from collections.abc import Callable
 from dataclasses import dataclass
+from typing import Any, Self
 
 import jax
 import jax.numpy as jnp
@@ -16,13 +17,13 @@ import numpy as np
 from jax import Array
 from numpy.typing import NDArray
 
-from pl_mc.geometry.record import POSITION_UNKNOWNS, UP
+from pl_mc.alert import AlertLimits
+from pl_mc.arrays import FloatArray
+from pl_mc.geometry.record import POSITION_UNKNOWNS, UP, Geometry
 from pl_mc.kernels import linear_model, start_from
 from pl_mc.methods.base import Method, Outcome
 from pl_mc.noise_models import GAUSSIAN, NoiseModel
 from pl_mc.runtime.precision import precision_scope
-
-FloatArray = NDArray[np.float64]
 
 RISK_EVENTS = ("missed", "misleading", "exceeded", "alarm")
 
@@ -130,19 +131,6 @@ def _orthonormal(columns: FloatArray) -> FloatArray:
     return np.column_stack(kept)
 
 
-def in_calls(points: FloatArray, coordinates: Rotation, compiled: Callable[[FloatArray], Array]) -> FloatArray:
-    """(N,), a compiled function of the noise (POINTS_PER_CALL, rows) at points (N, dimension), call by call."""
-    values = np.empty(len(points))
-    rows = coordinates.matrix
-    with precision_scope("float64"):
-        for start in range(0, len(points), POINTS_PER_CALL):
-            some = points[start : start + POINTS_PER_CALL]
-            noise = np.zeros((POINTS_PER_CALL, rows.shape[0]))
-            noise[: len(some)] = some @ rows.T
-            values[start : start + len(some)] = np.asarray(compiled(noise))[: len(some)]
-    return values
-
-
 @dataclass(frozen=True)
 class EpochState(InCoordinates):
     """One event of one method under one fault at one epoch.
@@ -165,6 +153,39 @@ class EpochState(InCoordinates):
     vertical_m: float
     coordinates: Rotation
 
+    @classmethod
+    def of(
+        cls, series: Geometry, epoch: int, bias_m: FloatArray, method: Method, event: str, alert: AlertLimits,
+        coordinates: Rotation | None = None, **options: Any,
+    ) -> Self:  # fmt: skip
+        """Of one epoch of a series.
+
+        Args:
+            series, epoch: the series, and place of the epoch in it.
+            bias_m: (m,), the fault by satellite [m].
+            method, event, alert: whose event.
+            coordinates: `rotation` unless given.
+            options: further fields.
+        """
+        seen, design, sigma = series.in_view[epoch], series.design[epoch], series.sigma_m[epoch]
+        bias = np.where(seen, bias_m[series.satellite[epoch]], 0.0)
+        turned = rotation(design, sigma, seen, bias) if coordinates is None else coordinates
+        return cls(design, sigma, seen, bias, method, event, alert.vertical_m, turned, **options)
+
+    def computed(self, points: FloatArray, compiled: Callable[..., Array], event: Any, **static: Any) -> FloatArray:
+        """(N,), what a compiled function of epoch, noise and event makes of points (N, dimension), call by call."""
+        arrays = (self.design, self.sigma_m, self.in_view, self.bias_m)
+        rows, vertical_m = self.coordinates.matrix, np.float64(self.vertical_m)
+        values = np.empty(len(points))
+        with precision_scope("float64"):
+            for start in range(0, len(points), POINTS_PER_CALL):
+                some = points[start : start + POINTS_PER_CALL]
+                noise = np.zeros((POINTS_PER_CALL, rows.shape[0]))
+                noise[: len(some)] = some @ rows.T
+                found = compiled(*arrays, noise, vertical_m, event, method=self.method, **static)
+                values[start : start + len(some)] = np.asarray(found)[: len(some)]
+        return values
+
 
 @dataclass(frozen=True)
 class LimitState(EpochState):
@@ -178,21 +199,8 @@ class LimitState(EpochState):
 
     def __call__(self, points: FloatArray) -> FloatArray:
         """(N,), the limit state [m] of points (N, dimension), standard normal."""
-        return in_calls(
-            points,
-            self.coordinates,
-            lambda noise: _levels(
-                self.design,
-                self.sigma_m,
-                self.in_view,
-                self.bias_m,
-                noise,
-                np.float64(self.vertical_m),
-                np.int32(RISK_EVENTS.index(self.event)),
-                method=self.method,
-                noise_model=self.noise,
-            ),
-        )
+        event = np.int32(RISK_EVENTS.index(self.event))
+        return self.computed(points, _levels, event, noise_model=self.noise)
 
 
 @functools.partial(jax.jit, static_argnames=("method", "noise_model"))

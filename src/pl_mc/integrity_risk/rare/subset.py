@@ -15,7 +15,8 @@ from typing import Protocol
 import numpy as np
 from numpy.typing import NDArray
 
-FloatArray = NDArray[np.float64]
+from pl_mc.arrays import FloatArray
+
 Limit = Callable[[FloatArray], FloatArray]
 
 # Noise in which populations start, in turn.
@@ -33,14 +34,18 @@ ACCEPTANCE = 0.35
 _COOLING_SHARE = 0.5
 
 
-class Sampled(Protocol):
-    """A limit state that knows its coordinates, as `pl_mc.integrity_risk.rare.limit_state.LimitState` does."""
+class Coordinates(Protocol):
+    """What knows its coordinates: how many matter, and how many there are."""
 
     @property
     def active(self) -> int: ...
 
     @property
     def dimension(self) -> int: ...
+
+
+class Sampled(Coordinates, Protocol):
+    """A limit state that knows its coordinates, as `pl_mc.integrity_risk.rare.limit_state.LimitState` does."""
 
     def __call__(self, points: FloatArray) -> FloatArray: ...
 
@@ -89,15 +94,8 @@ def subset_simulation(
     estimates: list[float] = []
     spent = largest = 0
     while True:
-        run = climb(
-            limit,
-            rng,
-            size=size,
-            dimension=limit.dimension,
-            active=limit.active,
-            noise=START_NOISE[len(estimates) % len(START_NOISE)],
-            most_evaluations=most_evaluations - spent,
-        )
+        noise = START_NOISE[len(estimates) % len(START_NOISE)]
+        run = climb(limit, rng, size=size, noise=noise, most_evaluations=most_evaluations - spent)
         estimates.append(float(np.exp(run.log_probability)) if run.reached else 0.0)
         spent += run.evaluations
         largest = max(largest, run.evaluations)
@@ -132,12 +130,10 @@ class Population:
 
 
 def climb(
-    limit: Limit,
+    limit: Sampled,
     rng: np.random.Generator,
     *,
     size: int,
-    dimension: int,
-    active: int,
     noise: float = 1.0,
     moves: int = MOVES,
     most_evaluations: float = np.inf,
@@ -145,18 +141,17 @@ def climb(
     """One population from the noise into the event.
 
     Args:
-        limit: the limit state of points (N, dimension).
+        limit: the limit state.
         rng: its random numbers.
         size: number of points.
-        dimension: number of coordinates.
-        active: the first so many of them start with ``noise`` times their nominal standard deviation.
-        noise: 1 for subset simulation as such.
+        noise: times their nominal standard deviation active coordinates start with; 1 for subset simulation as
+            such.
         moves: moves of every point at every level.
         most_evaluations: a population that would need more limit states gives up.
     """
-    sigma = np.ones(dimension)
-    sigma[:active] = noise
-    points = rng.standard_normal((size, dimension)) * sigma
+    sigma = np.ones(limit.dimension)
+    sigma[: limit.active] = noise
+    points = rng.standard_normal((size, limit.dimension)) * sigma
     values = limit(points)
     spent = size
     log_probability = 0.0
@@ -179,7 +174,7 @@ def climb(
     while sigma[0] > 1.0:
         if spent + moves * size > most_evaluations:
             return Population(points[:0], log_probability, False, spent)
-        cooler, log_ratio, weights = _cool(points, sigma, active)
+        cooler, log_ratio, weights = _cool(points, sigma, limit.active)
         log_probability += log_ratio
         sigma = cooler
         chosen = systematic(rng, weights, size)

@@ -15,6 +15,7 @@ from numpy.typing import NDArray
 from scipy import stats
 
 from pl_mc.alert import AlertLimits
+from pl_mc.arrays import FloatArray
 from pl_mc.faults import Faults
 from pl_mc.geometry.record import Geometry
 from pl_mc.integrity_risk.k_factor.error_to_level_ratio import EXCEEDED, MISLEADING, ratio_state
@@ -24,8 +25,6 @@ from pl_mc.integrity_risk.k_factor.record import COUNTING, RARE
 from pl_mc.integrity_risk.tuning.objective import ALARMS, VPL, Draws, TuningProblem, cost, weighted_quantile
 from pl_mc.methods import Igg3
 from pl_mc.statistics.intervals import clopper_pearson
-
-FloatArray = NDArray[np.float64]
 
 SAMPLES = 200
 # Ratios that may come into a resampled quantile, for each rank.
@@ -83,7 +82,7 @@ def counted_limits(
         )
         resampled[sample] = price(problem, again, drawn.log_unit_m, weight)
     middle = max(1, round(len(fresh) * problem.target))
-    k = multiplier(drawn, problem.target, confidence)
+    k = k_factor(drawn, problem.target, confidence)
     ratios = problem.draws(limits, last).log_ratio
     events = (ratios > np.log(k)).sum(axis=1)
     worst = int(events.argmax())
@@ -144,50 +143,42 @@ def estimated_limits(
         for k, label in enumerate(faults.labels)
     ]
     rows = [one.found for one in found]
-    unit = replace(problem, bias_m=np.zeros((1, len(problem.sigma_m)))).draws(limits, fresh).log_unit_m
     notes = [f"{label}: {row.warning}" for label, row in zip(faults.labels, rows, strict=True) if row.warning]
-    known = all(np.isfinite([row.k, row.high]).all() for row in rows)
-    worst = int(np.argmax([row.high for row in rows])) if known else 0
-    row = rows[worst]
-    k = row.high if known else np.nan
+    if not np.isfinite([(row.k, row.high) for row in rows]).all():
+        return unknown_limits("; ".join(notes) or "no multiplier is known", draws=len(fresh))
+    worst = int(np.argmax([row.high for row in rows]))
+    row, k = rows[worst], rows[worst].high
+    unit = replace(problem, bias_m=np.zeros((1, len(problem.sigma_m)))).draws(limits, fresh).log_unit_m
     columns = {
         "k_vertical": k,
-        "k_best": max(one.k for one in rows) if known else np.nan,
-        "k_low": max(one.low for one in rows) if known else np.nan,
+        "k_best": max(row.k for row in rows),
+        "k_low": max(row.low for row in rows),
         "found": RARE,
         **_prices(problem, k, unit, confidence),
-        "risk": row.probability if known else np.nan,
-        "risk_low": row.probability_low if known else 0.0,
-        "risk_high": row.probability_high if known else 1.0,
-        "risk_fault": faults.labels[worst] if known else "",
-        **{name: getattr(row, name) if known else np.nan for name in _NO_CHECK},
+        "risk": row.probability,
+        "risk_low": row.probability_low,
+        "risk_high": row.probability_high,
+        "risk_fault": faults.labels[worst],
+        **{name: getattr(row, name) for name in _NO_CHECK},
     }
-    if not known:
-        return Judged(np.nan, np.full(len(weights), np.nan), columns, "; ".join(notes) or "no multiplier is known")
     reach = stats.t.ppf(confidence, found[worst].curve.populations - 1)
     spread = np.log(row.high / max(row.low, 1e-300)) / 2.0 / reach
     # Errors of the multiplier, other ones for other limits.
-    shifts = np.random.default_rng(
-        (seed, 2, *np.asarray(limits, dtype=float).view(np.uint32).tolist())
-    ).standard_normal(len(weights))
-    resampled = np.array(
-        [
-            price(problem, k * float(np.exp(spread * shift)), unit, weight)
-            for shift, weight in zip(shifts, weights, strict=True)
-        ]
-    )
+    key = (seed, 2, *np.asarray(limits, dtype=float).view(np.uint32).tolist())
+    factors = [float(np.exp(spread * shift)) for shift in np.random.default_rng(key).standard_normal(len(weights))]
+    resampled = np.array([price(problem, k * by, unit, own) for by, own in zip(factors, weights, strict=True)])
     return Judged(price(problem, k, unit), resampled, columns, "; ".join(notes))
 
 
-def unknown_limits(reason: str) -> Judged:
-    """Limits of which nothing is said but why."""
-    names = ("k_vertical", "k_best", "k_low", "vpl_m", "alarm_rate", "alarm_low", "alarm_high", "risk")
-    columns: dict[str, Any] = dict.fromkeys(names, np.nan) | _NO_CHECK
-    columns |= {"found": RARE, "alarms": 0, "draws": 0, "risk_low": 0.0, "risk_high": 1.0, "risk_fault": ""}
+def unknown_limits(reason: str, draws: int = 0) -> Judged:
+    """Limits of which nothing is said but why, and of how many fault-free draws."""
+    columns: dict[str, Any] = dict.fromkeys(("k_vertical", "k_best", "k_low"), np.nan) | {"found": RARE}
+    columns |= dict.fromkeys(("vpl_m", "alarm_rate", "alarm_low", "alarm_high"), np.nan) | {"alarms": 0}
+    columns |= {"draws": draws, "risk": np.nan, "risk_low": 0.0, "risk_high": 1.0, "risk_fault": ""} | _NO_CHECK
     return Judged(np.nan, np.full(SAMPLES, np.nan), columns, reason)
 
 
-def multiplier(drawn: Draws, target: float, confidence: float) -> float:
+def k_factor(drawn: Draws, target: float, confidence: float) -> float:
     """The order statistic that keeps the target with the confidence; of weighted draws a quantile."""
     if drawn.weight is not None:
         pairs = zip(drawn.log_ratio, drawn.weight, strict=True)
@@ -213,9 +204,6 @@ def price(
 
 def _prices(problem: TuningProblem, k: float, log_unit_m: FloatArray, confidence: float) -> dict[str, Any]:
     """Mean level and alarms, fault-free, whichever of them is the objective."""
-    if np.isnan(k):
-        names = ("vpl_m", "alarm_rate", "alarm_low", "alarm_high")
-        return dict.fromkeys(names, np.nan) | {"alarms": 0, "draws": len(log_unit_m)}
     alarms = int(cost(ALARMS, k, log_unit_m, problem.vertical_m).sum())
     low, high = clopper_pearson(alarms, len(log_unit_m), confidence)
     return {

@@ -20,10 +20,17 @@ from numpy.typing import NDArray
 from scipy import optimize
 
 from pl_mc.alert import LPV_200, AlertLimits
-from pl_mc.engine.checks import LARGEST_DRAWS, LARGEST_SEED, require_geometry_and_alert, require_inputs
+from pl_mc.arrays import FloatArray
+from pl_mc.engine.checks import (
+    LARGEST_DRAWS,
+    LARGEST_SEED,
+    require_geometry_and_alert,
+    require_inputs,
+    require_single,
+)
 from pl_mc.faults import Faults, no_fault
 from pl_mc.geometry.record import Geometry
-from pl_mc.input_errors import InputError, require_choice, require_positive, require_whole
+from pl_mc.input_errors import InputError, require_choice, require_fraction, require_positive, require_whole
 from pl_mc.integrity_risk.k_factor.error_to_level_ratio import EVENTS, MISLEADING
 from pl_mc.integrity_risk.k_factor.order_statistics import fewest_draws
 from pl_mc.integrity_risk.rare.risk import FEWEST_EVALUATIONS
@@ -33,16 +40,13 @@ from pl_mc.integrity_risk.tuning.judge import (
     Judged,
     counted_limits,
     estimated_limits,
-    multiplier,
+    k_factor,
     price,
     unknown_limits,
 )
 from pl_mc.integrity_risk.tuning.objective import OBJECTIVES, TuningProblem, WeightedNoise
-from pl_mc.integrity_risk.worst.ls_exact import require_single
 from pl_mc.methods import Igg3, Method, as_methods
 from pl_mc.statistics.least_squares import ls_quantities
-
-FloatArray = NDArray[np.float64]
 
 PARAMETERS = ("k0", "k1", "k_vertical")
 START, TUNED, GRID = "start", "tuned", "grid"
@@ -130,9 +134,8 @@ def tune(
     named = [parameters] if isinstance(parameters, str) else list(parameters)
     for name in named:
         require_choice(name, PARAMETERS, field="parameters")
-    for field, value in (("target", target), ("confidence", confidence)):
-        if not require_positive(value, field=field) < 1.0:
-            raise InputError(f"{field}: it lies between 0 and 1, both excluded, not {value!r}.")
+    require_fraction(target, field="target")
+    require_fraction(confidence, field="confidence")
     require_positive(smoothing, field="smoothing")
     draws = require_whole(draws, field="draws", low=1, high=LARGEST_DRAWS)
     counts = draws >= max(int(np.ceil(_FEWEST_EVENTS / target)), fewest_draws(target, confidence))
@@ -307,7 +310,7 @@ def _best_of_grid(
     prices: list[float] = []
     for limits in points:
         drawn = problem.draws(limits, noise)
-        prices.append(price(problem, multiplier(drawn, problem.target, confidence), drawn.log_unit_m))
+        prices.append(price(problem, k_factor(drawn, problem.target, confidence), drawn.log_unit_m))
     return points[int(np.argmin(prices))], len(points) * _scenarios(problem, noise)
 
 

@@ -19,16 +19,15 @@ from numpy.typing import ArrayLike, NDArray
 from scipy import special
 
 from pl_mc.alert import AlertLimits
+from pl_mc.arrays import FloatArray
 from pl_mc.geometry.record import Geometry
-from pl_mc.input_errors import InputError, require_choice
+from pl_mc.input_errors import require_choice
 from pl_mc.kernels.linear_model import REDUNDANCY_FLOOR
 from pl_mc.methods import Ls
 from pl_mc.statistics.exact import CHI2_ALARM, PL_ALARM
 from pl_mc.statistics.least_squares import ls_quantities
 from pl_mc.statistics.noncentral import joint_exceedance, split_at_threshold
 from pl_mc.statistics.student import chi2_threshold
-
-FloatArray = NDArray[np.float64]
 
 MISSED, MISLEADING = "missed", "misleading"
 EVENTS = (MISSED, MISLEADING)
@@ -222,8 +221,8 @@ def peaks(epoch: LsEpoch, event: str, slopes: ArrayLike) -> tuple[FloatArray, Fl
     low, high = scan[np.maximum(peak - 1, 0)], scan[np.minimum(peak + 1, scan.size - 1)]
     found, top = _refine(epoch, event, slopes[rows][place], low, high)
     for k, row in enumerate(rows):
-        mine = np.flatnonzero(place == k)
-        first = mine[top[mine].argmax()]
+        own = np.flatnonzero(place == k)
+        first = own[top[own].argmax()]
         best_root[row], best[row] = found[first], top[first]
         if top[first] <= values[k, 0] * (1.0 + _FLAT):
             best_root[row], best[row] = 0.0, values[k, 0]
@@ -282,9 +281,3 @@ def _refine(
 def require_event(event: str) -> str:
     """``event`` if its worst case can be asked for."""
     return require_choice(event, EVENTS, field="event")
-
-
-def require_single(g: Geometry, what: str) -> None:
-    """Raise `InputError` for a series of epochs."""
-    if g.is_series:
-        raise InputError(f"geometry: {what} is made for one epoch; choose one of the {len(g)}, such as g[0].")

@@ -17,9 +17,9 @@ from typing import Literal
 
 import numpy as np
 import pandas as pd
-from numpy.typing import NDArray
 
 from pl_mc.alert import LPV_200, AlertLimits
+from pl_mc.arrays import FloatArray
 from pl_mc.engine.checks import LARGEST_SEED, require_geometry_and_alert
 from pl_mc.faults import require_satellite
 from pl_mc.geometry.record import Geometry
@@ -39,8 +39,8 @@ from pl_mc.integrity_risk.worst.pairs import Screen, screened_table
 from pl_mc.integrity_risk.worst.search import (
     GRID_M,
     MOST_SATELLITES,
-    NO_ESTIMATE,
     Estimator,
+    Search,
     bias_columns,
     estimated_table,
     fault_columns,
@@ -49,18 +49,6 @@ from pl_mc.integrity_risk.worst.search import (
 )
 from pl_mc.integrity_risk.worst.single import single_table
 from pl_mc.methods import Ls, Method, as_methods
-
-FloatArray = NDArray[np.float64]
-
-__all__ = [
-    "NO_ESTIMATE",
-    "Estimator",
-    "Worst",
-    "exact_worst",
-    "rare_event_estimator",
-    "satellite_groups",
-    "worst_case",
-]
 
 _NEGLIGIBLE = 1e-9
 
@@ -161,20 +149,16 @@ def worst_case(
                 estimate = estimator or rare_event_estimator(
                     one, chosen, event, alert, target_cov=target_cov, max_evaluations=max_evaluations
                 )
-            if estimator is None and epoch.available and any(len(group) > 1 for group in groups):
+            search = Search(estimate, target_cov, refine, seed)
+            if estimator is not None or not epoch.available:
+                table = estimated_table(one, groups, search)
+            elif any(len(group) > 1 for group in groups):
                 screen = Screen.of(one, chosen, event, alert, np.random.default_rng((seed, int(one.epoch))))
                 guesses = exact_worst(epoch, event, groups).bias_m
-                table = screened_table(
-                    one, groups, guesses, screen, estimate, target_cov=target_cov, refine=refine, seed=seed
-                )
-            elif estimator is None and epoch.available:
-                region = Region.of(one, chosen, event, alert)
-                rows = [group[0] for group in groups]
-                table = single_table(
-                    one, rows, region, estimate, target_cov=target_cov, refine=refine, seed=seed
-                )  # fmt: skip
+                table = screened_table(one, groups, guesses, screen, search)
             else:
-                table = estimated_table(one, groups, estimate, target_cov=target_cov, refine=refine, seed=seed)
+                region = Region.of(one, chosen, event, alert)
+                table = single_table(one, [group[0] for group in groups], region, search)
         table.insert(0, "epoch", int(one.epoch))
         table.insert(1, "method", chosen.name)
         for stage, number in table.attrs.pop("evaluations", {}).items():
