@@ -8,7 +8,7 @@ from __future__ import annotations
 import functools
 from collections.abc import Callable, Generator, Iterable, Sequence
 from dataclasses import dataclass
-from typing import Any, ClassVar
+from typing import Any, ClassVar, Protocol
 
 import jax.numpy as jnp
 import numpy as np
@@ -212,3 +212,11 @@ class SweepTask:
             draws[rows] += self.plan.draws_of(chunk)
             total[rows] += counts
         return PartCounts(number, np.arange(first, stop), draws, total)
+
+
+class Engine(Protocol):
+    """What counts parts of sweeps: this process, or a cluster."""
+
+    def __call__(
+        self, task: SweepTask, numbers: Sequence[int], after_call: Callable[[], None]
+    ) -> Generator[PartCounts]: ...

@@ -14,7 +14,8 @@ from pl_mc.detectors.registry import detector
 from pl_mc.error_models import error_model
 from pl_mc.experiments.cost import Cost, cost_of
 from pl_mc.experiments.kind_checks import checks_of_kind
-from pl_mc.experiments.loading import FieldProblem, field_problems, read_source
+from pl_mc.experiments.loading import field_problems, read_source
+from pl_mc.experiments.validation import FieldProblem
 from pl_mc.faults import ramp_sizes_m
 from pl_mc.geometry import Geometry
 from pl_mc.input_errors import InputError, require_choice

@@ -3,19 +3,14 @@
 from __future__ import annotations
 
 import json
-import math
 import tomllib
-import types
-import typing
 from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-from pydantic import BaseModel, ValidationError
-
+from pl_mc.experiments.validation import FieldProblem, record_problems, refuse
 from pl_mc.input_errors import InputError, nearest
-from pl_mc.report.run_folder import flat_fields
 from pl_mc.studies.registry import KINDS
 from pl_mc.studies.spec import Experiment
 
@@ -44,14 +39,6 @@ class ExperimentSource:
     path: Path
     text: str
     content: Mapping[str, Any]
-
-
-@dataclass(frozen=True)
-class FieldProblem:
-    """A field that cannot be used: its path, ``geometry.epochs``, and why, a sentence without the path."""
-
-    field: str
-    reason: str
 
 
 def load_experiment(which: str, overrides: Mapping[str, Any] | None = None) -> tuple[str, Experiment]:
@@ -91,9 +78,7 @@ def read_source(which: str) -> ExperimentSource:
 
 def build_experiment(content: Mapping[str, Any], *, source: str) -> Experiment:
     """The record of an experiment's fields; an `InputError` names every wrong one."""
-    problems = field_problems(content)
-    if problems:
-        raise InputError("\n".join(f"{source}: {one.field}: {one.reason}" for one in problems))
+    refuse(field_problems(content), source=source)
     return KINDS[content["kind"]].model.model_validate(content)
 
 
@@ -102,19 +87,7 @@ def field_problems(content: Mapping[str, Any]) -> list[FieldProblem]:
     kind = content.get("kind")
     if not isinstance(kind, str) or kind not in KINDS:
         return [FieldProblem("kind", f"{kind!r} is unknown ({nearest(str(kind), KINDS)}).")]
-    model = KINDS[kind].model
-    problems = [
-        FieldProblem(path, f"a finite number is needed, not {value}.")
-        for path, value in flat_fields(content).items()
-        for one in (value if isinstance(value, list | tuple) else (value,))
-        if isinstance(one, float) and not math.isfinite(one)
-    ]
-    try:
-        model.model_validate(content)
-    except ValidationError as error:
-        named = {one.field for one in problems}
-        problems += [one for item in error.errors() if (one := _problem(model, item)).field not in named]
-    return problems
+    return record_problems(KINDS[kind].model, content)
 
 
 def _from_toml(path: Path, text: str) -> dict[str, Any]:
@@ -130,36 +103,3 @@ def _from_manifest(path: Path, text: str) -> tuple[str, dict[str, Any]]:
         return manifest["name"], dict(manifest["experiment"])
     except (ValueError, KeyError, TypeError):
         raise InputError(f"{path}: it is no manifest of a run.") from None
-
-
-def _problem(model: type[BaseModel], error: Mapping[str, Any]) -> FieldProblem:
-    # Capitalised parts are the forms that a field may take, not names in the file.
-    names = [str(part) for part in error["loc"][:-1] if not str(part)[:1].isupper()]
-    last = str(error["loc"][-1]) if error["loc"] else ""
-    if error["type"] == "extra_forbidden" or not last[:1].isupper():
-        names.append(last)
-    field = ".".join(names)
-    if error["type"] == "extra_forbidden":
-        owners = _models_at(model, names[:-1])
-        valid = [name for owner in owners for name in owner.model_fields]
-        return FieldProblem(field, f"there is no such field ({nearest(str(error['loc'][-1]), valid)}).")
-    message = error["msg"].removeprefix("Value error, ").rstrip(".")
-    given = "" if error["type"] == "missing" else f", not {error['input']!r}"
-    return FieldProblem(field, f"{message[:1].lower()}{message[1:]}{given}.")
-
-
-def _models_at(model: type[BaseModel], path: list[str]) -> list[type[BaseModel]]:
-    """The records that may stand at a path of field names."""
-    found = [model]
-    for part in path:
-        if part.isdigit():
-            continue
-        annotations = [owner.model_fields[part].annotation for owner in found if part in owner.model_fields]
-        found = [inner for annotation in annotations for inner in _models_in(annotation)]
-    return found
-
-
-def _models_in(annotation: Any) -> list[type[BaseModel]]:
-    if isinstance(annotation, type) and not isinstance(annotation, types.GenericAlias):
-        return [annotation] if issubclass(annotation, BaseModel) else []
-    return [inner for argument in typing.get_args(annotation) for inner in _models_in(argument)]

@@ -15,6 +15,7 @@ from pydantic import Field
 
 from pl_mc.engine.execution import Execution
 from pl_mc.experiments.output import write_table
+from pl_mc.experiments.validation import validated
 from pl_mc.studies.readings.text import readings_summary
 from pl_mc.studies.series.run import SeriesExperiment, draw_rows, solved
 from pl_mc.studies.series.zhao2021 import ACCURACY_COLUMNS, PAPER
@@ -49,9 +50,7 @@ class ReadingsExperiment(Experiment):
     readings: Annotated[tuple[Reading, ...], Field(min_length=1)]
 
     def series(self, reading: Reading) -> SeriesExperiment:
-        """The series of one reading; an unsound field is an `InputError` of `build_experiment`."""
-        from pl_mc.experiments.loading import build_experiment
-
+        """The series of one reading; an unsound field is an `InputError`."""
         content = {
             "kind": "series",
             "title": f"{self.title}: {reading.label}",
@@ -64,9 +63,7 @@ class ReadingsExperiment(Experiment):
             "redraws": self.redraws,
             "methods": [{"name": "ls"}, {"name": "igg3"} | reading.igg3],
         }
-        made = build_experiment(content, source=f"readings, {reading.label}")
-        assert isinstance(made, SeriesExperiment)
-        return made
+        return validated(SeriesExperiment, content, source=f"readings, {reading.label}")
 
 
 def run(experiment: ReadingsExperiment, folder: Path, *, execution: Execution) -> tuple[str, tuple[str, ...]]:
