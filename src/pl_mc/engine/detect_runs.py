@@ -18,7 +18,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pl_mc.detectors.base import SYSTEM_LETTERS, Detector, Verdict, View
-from pl_mc.detectors.registry import as_detectors
 from pl_mc.engine.checks import LARGEST_SEED
 from pl_mc.engine.core import EpochBatch
 from pl_mc.engine.detect_core import (
@@ -27,9 +26,11 @@ from pl_mc.engine.detect_core import (
     examine_errors,
     fault_free_statistics,
 )
+from pl_mc.engine.method_test import as_tests
 from pl_mc.engine.noise import LANES
 from pl_mc.geometry.record import Geometry
 from pl_mc.input_errors import InputError, require_number, require_whole
+from pl_mc.methods import Method
 from pl_mc.runtime.precision import dtype_of, precision_scope
 from pl_mc.runtime.progress import with_progress
 from pl_mc.runtime.threads import cores, in_order
@@ -83,7 +84,7 @@ class Calibration:
 
 
 def checked_options(
-    tests: Sequence[str | Detector],
+    tests: Sequence[str | Detector | Method],
     p_fa: float,
     seed: int,
     precision: str = "float64",
@@ -95,7 +96,7 @@ def checked_options(
         raise InputError(f"p_fa: it lies between 0 and 1, both excluded, not {p_fa!r}.")
     dtype_of(precision)
     return Options(
-        tests=as_detectors(tests),
+        tests=as_tests(tests),
         p_fa=float(p_fa),
         seed=require_whole(seed, field="seed", low=0, high=LARGEST_SEED),
         precision=precision,

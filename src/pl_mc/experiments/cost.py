@@ -18,9 +18,9 @@ from pl_mc.faults import Faults, ramps
 from pl_mc.geometry import Geometry
 from pl_mc.integrity_risk.rare.exposure import samples_of
 from pl_mc.methods import Method
+from pl_mc.methods.capabilities import exact_law, levels_from_geometry
 from pl_mc.runtime.threads import cores
 from pl_mc.service.grid import world_grid
-from pl_mc.service.levels import levels_from_geometry
 from pl_mc.service.volume import require_epochs
 from pl_mc.studies.planned_sweep import PlannedSweep
 from pl_mc.studies.registry import KINDS
@@ -234,7 +234,7 @@ def _service(experiment: Any) -> tuple[int, float]:
 def _risk(experiment: Any) -> tuple[int | None, float]:
     """Estimates of rare events; least squares is exact and costs nothing beside them."""
     curves, worst, calibration = experiment.curves, experiment.worst, experiment.calibration
-    estimated = sum(method.name != "ls" for method in experiment.method_records())
+    estimated = sum(exact_law(method) is None for method in experiment.method_records())
     satellites = 16 if worst.estimated == ("all",) else len(worst.estimated)
     number = estimated * len(curves.satellites) * (len(curves.misleading_m) + len(curves.missed_m))
     number += estimated * satellites * len(worst.estimated_events)

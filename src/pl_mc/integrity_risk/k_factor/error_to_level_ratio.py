@@ -7,10 +7,9 @@ once; the levels that subset simulation climbs through are multipliers themselve
 
 from __future__ import annotations
 
-import dataclasses
 import functools
 from dataclasses import dataclass
-from typing import Any, Protocol
+from typing import Protocol
 
 import jax
 import jax.numpy as jnp
@@ -24,6 +23,7 @@ from pl_mc.geometry.record import UP, Geometry
 from pl_mc.integrity_risk.rare.limit_state import EpochState, in_calls, rotation
 from pl_mc.kernels import linear_model, start_from
 from pl_mc.methods.base import Method, Outcome
+from pl_mc.methods.capabilities import with_k
 
 FloatArray = NDArray[np.float64]
 
@@ -101,7 +101,7 @@ def ratio_state(g: Geometry, fault: Faults, method: Method, event: str, alert: A
     Args:
         g: one epoch, or a series of one.
         fault: one fault of this geometry.
-        method: with a multiplier ``k_vertical``, whose value is of no account.
+        method: with a multiplier, whose value is of no account.
         event: one of `EVENTS`.
         alert: alert limits; the vertical one is used.
     """
@@ -109,7 +109,7 @@ def ratio_state(g: Geometry, fault: Faults, method: Method, event: str, alert: A
     seen, design, sigma = series.in_view[0], series.design[0], series.sigma_m[0]
     bias = np.where(seen, fault.bias_m[0, series.satellite[0]], 0.0)
     # A change of the multiplier would be another record, and a compilation of its own.
-    unit: Any = dataclasses.replace(method, k_vertical=1.0)  # type: ignore[type-var]
+    unit = with_k(method, 1.0)
     return RatioState(design, sigma, seen, bias, unit, event, alert.vertical_m, rotation(design, sigma, seen, bias))
 
 

@@ -16,10 +16,11 @@ from pl_mc.faults import Faults, no_fault
 from pl_mc.geometry import Geometry
 from pl_mc.integrity_risk.k_factor.calibrate import calibrate
 from pl_mc.integrity_risk.k_factor.order_statistics import NO_LIMIT
+from pl_mc.integrity_risk.k_factor.record import exact_rates
 from pl_mc.integrity_risk.k_factor.worst_fault import neediest_fault
-from pl_mc.methods import Ls, Method
+from pl_mc.methods import Method
+from pl_mc.methods.capabilities import exact_law, k_of
 from pl_mc.runtime.threads import cores, in_order
-from pl_mc.statistics.exact import ls_rates
 from pl_mc.statistics.intervals import clopper_pearson
 from pl_mc.studies.risk.tables import each_size
 
@@ -89,7 +90,7 @@ def calibration_table(
             (method, label, fault, target)
             for label, fault, rare in asked
             for target in case.targets
-            if isinstance(method, Ls) or rare or case.counts(target)
+            if exact_law(method) or rare or case.counts(target)
         ]
 
     def run(task: tuple[Method, str, Faults, float]) -> tuple[pd.DataFrame, list[pd.DataFrame]]:
@@ -112,7 +113,7 @@ def calibration_table(
     exact = [
         _exact_curve(g, method, fault, case.event, alert, 2.0 * float(part["k_high"].iloc[0])).assign(asked=label)
         for (method, label, fault, target), (part, _) in zip(tasks, found, strict=True)
-        if isinstance(method, Ls) and target == min(case.targets)
+        if exact_law(method) and target == min(case.targets)
     ]
     curves = [*exact, *(curve for _, part in found for curve in part)]
     columns = ["method", "asked", "fault", "k_vertical", "probability", "low", "high"]
@@ -120,11 +121,11 @@ def calibration_table(
 
 
 def _exact_curve(
-    g: Geometry, method: Ls, fault: Faults, event: str, alert: AlertLimits, last: float
+    g: Geometry, method: Method, fault: Faults, event: str, alert: AlertLimits, last: float
 ) -> pd.DataFrame:
-    """P(event) of least squares against the multiplier, in even steps up to the last."""
+    """P(event) of a method with an exact law against the multiplier, in even steps up to the last."""
     k = np.linspace(1.0, max(last, 2.0), 120)
-    value = [float(ls_rates(g, fault, alert=alert, k_vertical=one)[f"{event}_rate"].iloc[0]) for one in k]
+    value = [float(exact_rates(g, fault, method, alert, float(each))[f"{event}_rate"].iloc[0]) for each in k]
     columns = {"k_vertical": k, "probability": value, "low": value, "high": value}
     return pd.DataFrame(columns).assign(method=method.name, fault=fault.labels[0])
 
@@ -159,14 +160,14 @@ def equal_risk_table(
     parts = []
     for method in methods:
         rows = decides[decides.method == method.name]
-        if isinstance(method, Ls):
+        if exact_law(method):
             for target, k in zip(rows.target, rows.k_high, strict=True):
-                rate = ls_rates(g, faults, alert=alert, k_vertical=max(k, 1e-6))["alarm_rate"].to_numpy()
+                rate = exact_rates(g, faults, method, alert, max(k, 1e-6))["alarm_rate"].to_numpy()
                 parts.append(_alarm_rows(method, target, k, faults, 0, rate, rate, rate))
             continue
         # One set of draws for all multipliers: the level is proportional to them.
         drawn = sample(g, faults, draws=draws, seed=seed, methods=(method,), alert=NO_LIMIT)
-        unit_m = np.where(drawn["alarm"], np.inf, drawn["vpl_m"]) / method.k_vertical  # type: ignore[attr-defined]
+        unit_m = np.where(drawn["alarm"], np.inf, drawn["vpl_m"]) / k_of(method)
         for target, k in zip(rows.target, rows.k_high, strict=True):
             alarm = np.isinf(unit_m) | (k * unit_m > alert.vertical_m)
             count = pd.Series(alarm).groupby(drawn["fault"].to_numpy()).sum().loc[list(faults.labels)].to_numpy()

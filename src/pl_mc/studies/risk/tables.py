@@ -1,4 +1,4 @@
-"""The tables of an experiment about risk: exact for least squares, estimated for every other method."""
+"""The tables of an experiment about risk: exact for methods with an exact law, estimated for every other one."""
 
 from __future__ import annotations
 
@@ -15,9 +15,9 @@ from pl_mc.geometry import Geometry
 from pl_mc.integrity_risk.budget.budget import risk_budget
 from pl_mc.integrity_risk.rare.risk import risk
 from pl_mc.integrity_risk.worst.worst_case import worst_case
-from pl_mc.methods import Ls, Method
+from pl_mc.methods import Method
+from pl_mc.methods.capabilities import exact_law
 from pl_mc.runtime.threads import cores, in_order
-from pl_mc.statistics.exact import ls_rates
 
 EXACT = "exact"
 CURVE_EVENTS = ("misleading", "missed")
@@ -60,8 +60,8 @@ def curve_table(
     size = faults.bias_m.sum(axis=1)
     for method in methods:
         for event in CURVE_EVENTS:
-            if isinstance(method, Ls):
-                value = ls_rates(g, faults, alert=alert, k_vertical=method.k_vertical)[f"{event}_rate"].to_numpy()
+            if law := exact_law(method):
+                value = law.rates(g, faults, alert)[f"{event}_rate"].to_numpy()
                 columns: dict[str, object] = {"satellite": owner, "bias_m": size}
                 columns |= {"probability": value, "standard_error": 0.0, "low": value, "high": value}
                 columns |= {"estimator": EXACT, "evaluations": 0, "warning": ""}
@@ -105,9 +105,9 @@ def worst_table(
     """
     found = []
     for method in methods:
-        for k, event in enumerate(events if isinstance(method, Ls) else estimated_events):
+        for k, event in enumerate(events if exact_law(method) else estimated_events):
             options: dict[str, Any] = {"method": method, "event": event, "alert": alert, "seed": seed}
-            if not isinstance(method, Ls):
+            if not exact_law(method):
                 if not estimated:
                     continue
                 options |= {"satellites": list(estimated), "refine": refined[k] if refined else len(estimated)}
@@ -166,7 +166,8 @@ def step_table(
     """
     parts = []
     for method in methods:
-        if not isinstance(method, Ls):
+        law = exact_law(method)
+        if law is None:
             continue
         for event, group in worst[worst.method == method.name].groupby("event", sort=False):
             top = group.loc[group.probability.idxmax()]
@@ -176,7 +177,7 @@ def step_table(
             last = min(max(2.0 * top.bias_m, 15.0), stop_m)
             sizes = np.unique(np.append(np.linspace(0.0, last, 301), np.arange(5.0, last + 1e-9, 5.0)))
             faults = each_size(g, [top.satellites], sizes)
-            rates = ls_rates(g, faults, alert=alert, k_vertical=method.k_vertical)[f"{event}_rate"]
+            rates = law.rates(g, faults, alert)[f"{event}_rate"]
             columns = {"event": event, "satellite": top.satellites, "bias_m": sizes, "probability": rates}
             parts.append(pd.DataFrame(columns).assign(method=method.name))
     empty = pd.DataFrame(columns=["event", "satellite", "bias_m", "probability", "method"])

@@ -25,7 +25,8 @@ from pl_mc.input_errors import InputError
 from pl_mc.integrity_risk.k_factor.calibrate import calibrate
 from pl_mc.integrity_risk.tuning.tune import tune
 from pl_mc.integrity_risk.worst.worst_case import worst_case
-from pl_mc.methods import Igg3, Ls
+from pl_mc.methods import Igg3, Method
+from pl_mc.methods.capabilities import exact_law, with_k
 from pl_mc.report.figures import save_figure
 from pl_mc.runtime.progress import with_progress
 from pl_mc.runtime.threads import cores, in_order
@@ -83,7 +84,7 @@ def run(experiment: TuningExperiment, folder: Path, *, execution: Execution) -> 
         raise InputError("geometry.epoch: this kind of experiment needs one epoch.")
     records = experiment.method_records()
     tuned = [one for one in records if type(one) is Igg3]
-    plain = [one for one in records if isinstance(one, Ls)]
+    plain = [one for one in records if exact_law(one)]
     if len(tuned) != 1 or len(tuned) + len(plain) != len(records):
         raise InputError("methods: this takes igg3, whose limits are tuned, and ls, which stands beside it.")
     made = [biases(g, one) if one else no_fault(g) for one in experiment.faults]
@@ -126,7 +127,7 @@ def _worst_faults(
     g: Geometry,
     table: pd.DataFrame,
     tuned: Igg3,
-    plain: Sequence[Ls],
+    plain: Sequence[Method],
     experiment: TuningExperiment,
     alert: AlertLimits,
 ) -> pd.DataFrame:
@@ -138,8 +139,8 @@ def _worst_faults(
     parts = []
     for row in shown[np.isfinite(shown.k_vertical)].itertuples():
         k = float(row.k_vertical)
-        record: Igg3 | Ls = (
-            replace(plain[0], k_vertical=k)
+        record = (
+            with_k(plain[0], k)
             if row.limits == "exact"
             else replace(tuned, k_vertical=k, k0=float(row.k0), k1=float(row.k1))
         )
@@ -155,7 +156,7 @@ def _worst_faults(
 
 
 def _least_squares(
-    g: Geometry, method: Ls, experiment: TuningExperiment, faults: Faults, alert: AlertLimits
+    g: Geometry, method: Method, experiment: TuningExperiment, faults: Faults, alert: AlertLimits
 ) -> pd.DataFrame:
     """Multiplier, mean level and alarms of least squares for every target, exact."""
     rows: list[dict[str, Any]] = []
