@@ -15,7 +15,6 @@ from pl_mc.error_models import error_model
 from pl_mc.experiments.cost import Cost, cost_of
 from pl_mc.experiments.kind_checks import checks_of_kind
 from pl_mc.experiments.loading import field_problems, read_source
-from pl_mc.experiments.validation import FieldProblem
 from pl_mc.faults import ramp_sizes_m
 from pl_mc.geometry import Geometry
 from pl_mc.input_errors import InputError, require_choice
@@ -23,6 +22,7 @@ from pl_mc.methods import method
 from pl_mc.noise_models import noise_model
 from pl_mc.studies.registry import KINDS
 from pl_mc.studies.spec import Experiment, SimulatedGeometry
+from pl_mc.studies.validation import FieldProblem
 from pl_mc.time_ramps.registry import sequential
 
 _HEADING = re.compile(r"^\s*(\[{1,2})\s*([^\[\]]+?)\s*\]{1,2}\s*(?:#.*)?$")

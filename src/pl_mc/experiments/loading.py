@@ -9,10 +9,10 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-from pl_mc.experiments.validation import FieldProblem, record_problems, refuse
 from pl_mc.input_errors import InputError, nearest
 from pl_mc.studies.registry import KINDS
 from pl_mc.studies.spec import Experiment
+from pl_mc.studies.validation import FieldProblem, record_problems, refuse
 
 # A wheel carries the files inside the package; in a checkout they are at the top.
 _FOLDERS = (Path(__file__).parent / "files", Path(__file__).parents[3] / "experiments")

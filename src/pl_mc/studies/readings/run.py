@@ -15,11 +15,11 @@ from pydantic import Field
 
 from pl_mc.engine.execution import Execution
 from pl_mc.experiments.output import write_table
-from pl_mc.experiments.validation import validated
 from pl_mc.studies.readings.text import readings_summary
 from pl_mc.studies.series.run import SeriesExperiment, draw_rows, solved
 from pl_mc.studies.series.zhao2021 import ACCURACY_COLUMNS, PAPER
 from pl_mc.studies.spec import Experiment, Strict
+from pl_mc.studies.validation import validated
 
 
 class Reading(Strict):
