@@ -26,6 +26,7 @@ from pl_mc.methods import METHODS, GatedIgg3, Igg3, LeaveOneOut, Ls, MaxDop, Out
 from pl_mc.methods import capabilities as can
 from pl_mc.methods.base import outcome_of
 from pl_mc.statistics.exact import LeastSquaresLaw
+from pl_mc.time_ramps import SequentialParity
 from reference.problems import appendix_d
 
 PROTOCOLS = {
@@ -35,6 +36,7 @@ PROTOCOLS = {
     "exact_law": can.ExactLaw,
     "scales_with_k": can.ScalesWithK,
 }
+SUMMED = SequentialParity((50.0,))
 M_ESTIMATES = ("igg3", "igg3_gated", "huber", "tukey", "hampel", "danish", "l1", "mm")
 TABLE = {name: {"scales_with_k"} for name in M_ESTIMATES} | {
     "ls": {"exact_law", "scales_with_k"},
@@ -201,16 +203,27 @@ def test_an_own_level_that_scales_with_k_is_calibrated_by_its_field() -> None:
     assert_equal_but_for_the_name(own, built_in)
 
 
+@dataclass(frozen=True)
+class Summed:
+    """A sequential test: residuals summed over 50 s."""
+
+    name: str = field(default="summed", init=False)
+
+    def plan(self, *arguments: Any) -> Any:
+        return SUMMED.plan(*arguments)
+
+
 def test_own_statistics_and_levels_find_a_ramp_as_the_built_in_ones_do() -> None:
     g = pl_mc.simulate(site="CUT0", start="2017-11-21T00:00:00", epochs=21, interval_s=10.0)
-    methods = (Checked(), Slope(p_fa=1e-3), Scaled(), Igg3())
+    methods = (Summed(), Checked(), Slope(p_fa=1e-3), Scaled(), SUMMED, Igg3())
     table = pl_mc.time_to_alert(
         g, g[0].names[0], [2.0], methods, draws=64, calibration_draws=200, p_fa=0.05, onset_s=50.0, progress=False
     )
-    checked, slope, scaled, igg3 = (table[table.method == one.name] for one in methods)
+    summed, checked, slope, scaled, built_in, igg3 = (table[table.method == one.name] for one in methods)
     assert slope.detected.item() > 32
     assert_equal_but_for_the_name(checked, slope)
     assert_equal_but_for_the_name(scaled, igg3)
+    assert_equal_but_for_the_name(summed, built_in)
 
 
 def test_a_test_beside_a_level_rejects_whatever_the_multiplier_is() -> None:
