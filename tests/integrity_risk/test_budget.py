@@ -315,7 +315,7 @@ def test_bad_input() -> None:
         ({"pairs": -1}, "pairs: a whole number"),
         ({"samples_per_approach": 0}, "samples_per_approach: a whole number"),
         ({"target": 0.0}, "target: a positive number"),
-        ({"method": Igg3(), "alarm": "chi2"}, "alarm: 'chi2' is for exact least squares alone"),
+        ({"method": Igg3(), "alarm": "chi2"}, "alarm: 'chi2' is for exact laws.*igg3 has no exact_law"),
     ]
     for options, message in cases:
         with pytest.raises(InputError, match=message):

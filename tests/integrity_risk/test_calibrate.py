@@ -401,7 +401,7 @@ def test_bad_input() -> None:
         ({"confidence": 1.5}, "confidence: it lies between 0 and 1"),
         ({"event": "missed"}, "event: 'missed' is unknown"),
         ({"method": "ig3"}, "method: 'ig3' is unknown"),
-        ({"method": Without()}, "method: without has no multiplier k_vertical"),
+        ({"method": Without()}, "method: without has no scales_with_k"),
         ({"draws": 0}, "draws: a whole number"),
         ({"seed": -1}, "seed"),
         ({"faults": [1.0]}, "faults: use ramp"),
@@ -423,5 +423,5 @@ def test_bad_input() -> None:
 
 @pytest.mark.parametrize("method", ["parity", "max_dop", "leave_one_out"])
 def test_levels_that_are_no_multiple_cannot_be_calibrated(method):
-    with pytest.raises(pl_mc.InputError, match="no multiple of k_vertical"):
+    with pytest.raises(pl_mc.InputError, match="with other options max_dop, parity, leave_one_out"):
         pl_mc.calibrate(appendix_d(), method=method, target=1e-2)

@@ -144,8 +144,9 @@ def test_thresholds_leave_the_share_beyond_them(p_fa: float) -> None:
     ("changed", "message"),
     [
         ({"satellite": "G1"}, "satellite: 'G1' is unknown"),
-        ({"methods": ("igg3_gated",)}, "igg3_gated.*is unknown|has no statistic"),
-        ({"methods": (pl_mc.methods.Sbas(),)}, "has no statistic whose threshold could be moved"),
+        ({"methods": ("igg",)}, "method: 'igg' is unknown"),
+        ({"methods": ("nioraim",)}, "methods: nioraim has no statistic"),
+        ({"methods": (pl_mc.methods.Sbas(),)}, "methods: sbas has no statistic"),
         ({"methods": (SequentialParity((500.0,)),)}, "is not full when the ramp begins at 100 s; nearest: 100 s"),
         ({"methods": (SequentialParity((15.0,)),)}, "a whole number of intervals of 10 s"),
         ({"rates_m_per_s": [1.0, 1.0]}, "one row of different finite rates"),

@@ -4,18 +4,15 @@ from __future__ import annotations
 
 import json
 from pathlib import Path
-from typing import TYPE_CHECKING
 
 import pandas as pd
 
 from pl_mc.benchmark.accuracy import Difference, Disagreement, EventRate
 from pl_mc.benchmark.measure import Rate, Ratio
+from pl_mc.benchmark.result import Bench
 from pl_mc.engine.checkpoint_store import write_whole
 from pl_mc.input_errors import InputError
 from pl_mc.report.text import markdown_table, rate_text
-
-if TYPE_CHECKING:
-    from pl_mc.benchmark.run import Bench
 
 
 def bench_text(bench: Bench) -> str:

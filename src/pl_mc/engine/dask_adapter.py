@@ -10,17 +10,14 @@ import contextlib
 import itertools
 import pickle
 from collections.abc import Callable, Generator, Iterator, Mapping, Sequence
-from typing import TYPE_CHECKING, Any
+from typing import Any
 from urllib.parse import urlsplit
 
 from pl_mc.engine.compiling import require_devices
 from pl_mc.engine.identity import environment
-from pl_mc.engine.task import PartCounts, SweepTask
+from pl_mc.engine.task import Engine, PartCounts, SweepTask
 from pl_mc.input_errors import InputError
 from pl_mc.runtime.threads import cores
-
-if TYPE_CHECKING:
-    from pl_mc.engine.execution import Engine
 
 # How often a part is given out again, after the workers that had it died.
 RETRIES = 3

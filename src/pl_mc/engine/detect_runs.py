@@ -21,14 +21,15 @@ from numpy.typing import NDArray
 
 from pl_mc.arrays import FloatArray
 from pl_mc.detectors.base import SYSTEM_LETTERS, Detector, Verdict, View
-from pl_mc.detectors.registry import as_detectors
 from pl_mc.engine.calls import Chunk, Cut, run_calls
 from pl_mc.engine.checks import LARGEST_SEED
 from pl_mc.engine.core import EpochBatch
 from pl_mc.engine.detect_core import TestBatch, count_detections, examine_errors, fault_free_statistics
+from pl_mc.engine.method_test import as_tests
 from pl_mc.engine.noise import LANES
 from pl_mc.geometry.record import Geometry
 from pl_mc.input_errors import InputError, require_fraction, require_whole
+from pl_mc.methods import Method
 from pl_mc.runtime.precision import dtype_of, precision_scope
 from pl_mc.runtime.threads import cores
 from pl_mc.statistics.least_squares import ls_quantities
@@ -78,7 +79,7 @@ class Calibration:
 
 
 def checked_options(
-    tests: Sequence[str | Detector],
+    tests: Sequence[str | Detector | Method],
     p_fa: float,
     seed: int,
     precision: str = "float64",
@@ -88,7 +89,7 @@ def checked_options(
     """The options after a check of each; an `InputError` names the one that cannot be used."""
     dtype_of(precision)
     return Options(
-        tests=as_detectors(tests),
+        tests=as_tests(tests),
         p_fa=require_fraction(p_fa, field="p_fa"),
         seed=require_whole(seed, field="seed", low=0, high=LARGEST_SEED),
         precision=precision,

@@ -6,12 +6,11 @@ from collections.abc import Callable, Generator, Iterator, Sequence
 from contextlib import closing
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import Protocol
 
 from pl_mc.engine.checkpoint_store import BadPart, CheckpointStore
 from pl_mc.engine.compiling import require_devices
 from pl_mc.engine.part_task import P, Task
-from pl_mc.engine.task import PartCounts, SweepTask
+from pl_mc.engine.task import Engine, PartCounts, SweepTask
 from pl_mc.input_errors import InputError, require_whole
 from pl_mc.runtime.progress import progress_bar
 from pl_mc.runtime.threads import cores
@@ -58,14 +57,6 @@ class Execution:
         """Numbers of the parts, of so many, that are this process's to count, in order."""
         index, count = self.shard or (1, 1)
         return list(range(index - 1, part_count, count))
-
-
-class Engine(Protocol):
-    """What counts parts of sweeps: this process, or a cluster."""
-
-    def __call__(
-        self, task: SweepTask, numbers: Sequence[int], after_call: Callable[[], None]
-    ) -> Generator[PartCounts]: ...
 
 
 def run_task(

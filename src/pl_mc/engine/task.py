@@ -9,7 +9,7 @@ import functools
 import itertools
 from collections.abc import Callable, Generator, Iterable, Sequence
 from dataclasses import dataclass
-from typing import Any, ClassVar
+from typing import Any, ClassVar, Protocol
 
 import jax.numpy as jnp
 import numpy as np
@@ -206,3 +206,11 @@ class SweepTask:
             draws[rows] += self.plan.draws_of(chunk)
             total[rows] += counts
         return PartCounts(number, np.arange(first, stop), draws, total)
+
+
+class Engine(Protocol):
+    """What counts parts of sweeps: this process, or a cluster."""
+
+    def __call__(
+        self, task: SweepTask, numbers: Sequence[int], after_call: Callable[[], None]
+    ) -> Generator[PartCounts]: ...

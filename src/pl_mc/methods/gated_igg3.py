@@ -39,6 +39,7 @@ class GatedIgg3(Igg3):
     gate: str = "weighted"
 
     key: ClassVar[str] = "igg3_gated"
+    scales_with_k = "k_vertical"
 
     def __post_init__(self) -> None:
         super().__post_init__()

@@ -58,6 +58,8 @@ class L1:
             weight=L1Weight(self.eps), iterations=self.iterations, scale="apriori", cofactor="none"
         )  # fmt: skip
 
+    scales_with_k = "k_vertical"
+
     def prepare(self, model: LinearModel) -> tuple[()]:
         return ()
 

@@ -11,7 +11,7 @@ from pl_mc.kernels import LeastSquaresSolution, LinearModel
 from pl_mc.kernels.leave_one_out import Projections, all_in_view, projections, standardised
 from pl_mc.methods.base import Outcome, name_with_options
 from pl_mc.methods.exclusion import exclude_and_test, levels_of, require_level
-from pl_mc.methods.raim_levels import NONCENTRAL, P_FA, P_MD, at_dof, decided, require_risks, thresholds
+from pl_mc.methods.raim_levels import NONCENTRAL, P_FA, P_MD, SIGMA, at_dof, decided, require_risks, thresholds
 
 
 @dataclass(frozen=True)
@@ -51,10 +51,19 @@ class LeaveOneOut:
     def name(self) -> str:
         return name_with_options("leave_one_out", self, LeaveOneOut())
 
+    @property
+    def scales_with_k(self) -> str | None:
+        return "k_vertical" if self.form == SIGMA else None
+
     def prepare(self, model: LinearModel) -> tuple[Projections, Array]:
         """Projections of the geometry, and the threshold of all satellites."""
         table = thresholds(model.design.shape[0], self.p_fa)
         return projections(model), at_dof(table, model.dof)
+
+    def statistic(
+        self, model: LinearModel, prepared: tuple[Projections, Array], start: LeastSquaresSolution
+    ) -> Array:
+        return start.square_sum / prepared[1]
 
     def solve(
         self, model: LinearModel, prepared: tuple[Projections, Array], start: LeastSquaresSolution

@@ -8,6 +8,7 @@ from pl_mc.constants import K_HORIZONTAL, K_VERTICAL
 from pl_mc.input_errors import require_positive
 from pl_mc.kernels import LeastSquaresSolution, LinearModel, least_squares, protection_levels
 from pl_mc.methods.base import Outcome, name_with_options, outcome_of
+from pl_mc.statistics.exact import LeastSquaresLaw
 
 
 @dataclass(frozen=True)
@@ -28,6 +29,12 @@ class Ls:
     @property
     def name(self) -> str:
         return name_with_options("ls", self, Ls())
+
+    scales_with_k = "k_vertical"
+
+    @property
+    def exact_law(self) -> LeastSquaresLaw:
+        return LeastSquaresLaw(self.k_vertical)
 
     def prepare(self, model: LinearModel) -> tuple[()]:
         return ()

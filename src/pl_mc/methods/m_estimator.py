@@ -76,6 +76,8 @@ class MEstimator(ABC):
             weight_floor=self.weight_floor,
         )
 
+    scales_with_k = "k_vertical"
+
     def prepare(self, model: LinearModel) -> tuple[()]:
         return ()
 

@@ -65,6 +65,12 @@ class MaxDop:
     def name(self) -> str:
         return name_with_options("max_dop", self, MaxDop())
 
+    levels_from_geometry = True
+
+    @property
+    def scales_with_k(self) -> str | None:
+        return "k_vertical" if self.form == SUBSET else None
+
     def prepare(self, model: LinearModel) -> tuple[Array, ProtectionLevels]:
         """Threshold and levels."""
         most = model.design.shape[0]
@@ -81,6 +87,11 @@ class MaxDop:
         horizontal, vertical = jnp.where(finite, root * factors, jnp.inf)
         levels = ProtectionLevels(hpl_m=horizontal, vpl_m=vertical)
         return at_dof(thresholds(most, self.p_fa), model.dof), levels
+
+    def statistic(
+        self, model: LinearModel, prepared: tuple[Array, ProtectionLevels], start: LeastSquaresSolution
+    ) -> Array:
+        return start.square_sum / prepared[0]
 
     def solve(
         self, model: LinearModel, prepared: tuple[Array, ProtectionLevels], start: LeastSquaresSolution

@@ -66,6 +66,8 @@ class MM:
             redundancy=self.redundancy,
         )
 
+    scales_with_k = "k_vertical"
+
     def prepare(self, model: LinearModel) -> tuple[()]:
         return ()
 

@@ -93,6 +93,8 @@ class Nioraim:
     def name(self) -> str:
         return name_with_options("nioraim", self, Nioraim())
 
+    levels_from_geometry = True
+
     def prepare(self, model: LinearModel) -> Prepared:
         parts = projections(model)
         redundancy = jnp.where(parts.free, 0.0, model.redundancy)

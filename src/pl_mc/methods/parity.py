@@ -22,7 +22,7 @@ from pl_mc.kernels.leave_one_out import (
 from pl_mc.kernels.linear_model import COORDINATES, product, redundancy_floor
 from pl_mc.methods.base import Outcome, name_with_options
 from pl_mc.methods.exclusion import exclude_and_test, levels_of, require_level
-from pl_mc.methods.raim_levels import LINE, P_FA, P_MD, at_dof, decided, require_risks, thresholds
+from pl_mc.methods.raim_levels import LINE, P_FA, P_MD, SIGMA, at_dof, decided, require_risks, thresholds
 
 
 @jax.tree_util.register_dataclass
@@ -93,6 +93,14 @@ class Parity:
     def name(self) -> str:
         return name_with_options("parity", self, Parity())
 
+    @property
+    def levels_from_geometry(self) -> bool:
+        return not self.exclude
+
+    @property
+    def scales_with_k(self) -> str | None:
+        return "k_vertical" if self.form == SIGMA else None
+
     def prepare(self, model: LinearModel) -> Prepared:
         parts = projections(model)
         basis, _ = parity_basis(model, parts)
@@ -107,6 +115,9 @@ class Parity:
             threshold=at_dof(thresholds(model.design.shape[0], self.p_fa), model.dof),
             levels=self._levels(parts, before_observations(model, parts)),
         )
+
+    def statistic(self, model: LinearModel, prepared: Prepared, start: LeastSquaresSolution) -> Array:
+        return start.square_sum / prepared.threshold
 
     def solve(self, model: LinearModel, prepared: Prepared, start: LeastSquaresSolution) -> Outcome:
         # Of the observations only the residuals are not explained by the model: Q z = Q e.

@@ -80,6 +80,8 @@ class RangeComparison:
     def name(self) -> str:
         return name_with_options("range_comparison", self, RangeComparison())
 
+    levels_from_geometry = True
+
     def prepare(self, model: LinearModel) -> Prepared:
         parts = projections(model)
         comparisons = _minimal(model, parts) if self.base == MINIMAL else parts.rows[:-COORDINATES]
@@ -96,9 +98,17 @@ class RangeComparison:
         size = jnp.maximum(threshold - float(special.ndtri(self.p_md)), 0.0)
         return Prepared(comparisons, threshold, ProtectionLevels(hpl_m=horizontal * size, vpl_m=vertical * size))
 
+    def statistic(self, model: LinearModel, prepared: Prepared, start: LeastSquaresSolution) -> Array:
+        return _largest(prepared, start) / prepared.threshold
+
     def solve(self, model: LinearModel, prepared: Prepared, start: LeastSquaresSolution) -> Outcome:
-        largest = jnp.max(jnp.abs(product(prepared.comparisons, start.residuals)), axis=0)
-        return decided(model.available, start.state[:COORDINATES], prepared.levels, largest > prepared.threshold)
+        rejects = _largest(prepared, start) > prepared.threshold
+        return decided(model.available, start.state[:COORDINATES], prepared.levels, rejects)
+
+
+def _largest(prepared: Prepared, start: LeastSquaresSolution) -> Array:
+    """(...), the largest comparison."""
+    return jnp.max(jnp.abs(product(prepared.comparisons, start.residuals)), axis=0)
 
 
 def _minimal(model: LinearModel, parts: Projections) -> Array:

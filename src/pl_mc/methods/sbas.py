@@ -43,6 +43,9 @@ class Sbas:
     def name(self) -> str:
         return name_with_options("sbas", self, Sbas())
 
+    scales_with_k = "k_vertical"
+    levels_from_geometry = True
+
     def prepare(self, model: LinearModel) -> ProtectionLevels:
         covariance = covariance_of(model.gain[:COORDINATES])
         return sigma_levels(covariance, k_horizontal=self.k_horizontal, k_vertical=self.k_vertical)

@@ -54,6 +54,8 @@ class Slope:
     def name(self) -> str:
         return name_with_options("slope", self, Slope())
 
+    levels_from_geometry = True
+
     def prepare(self, model: LinearModel) -> tuple[Array, ProtectionLevels]:
         """Threshold and levels."""
         most = model.design.shape[0]
@@ -64,6 +66,11 @@ class Slope:
             most=most, p_fa=self.p_fa, p_md=self.p_md, form=self.form,
         )  # fmt: skip
         return at_dof(thresholds(most, self.p_fa), model.dof), levels
+
+    def statistic(
+        self, model: LinearModel, prepared: tuple[Array, ProtectionLevels], start: LeastSquaresSolution
+    ) -> Array:
+        return start.square_sum / prepared[0]
 
     def solve(
         self, model: LinearModel, prepared: tuple[Array, ProtectionLevels], start: LeastSquaresSolution

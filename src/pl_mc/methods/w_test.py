@@ -101,8 +101,19 @@ class WTest:
         """The value that |w| exceeds with probability alpha."""
         return float(-special.ndtri(self.alpha / 2.0))
 
+    @property
+    def levels_from_geometry(self) -> bool:
+        return self.exclusions == 0 and not (self.form == SIGMA and self.variance == POSTERIOR)
+
+    @property
+    def scales_with_k(self) -> str | None:
+        return "k_vertical" if self.form == SIGMA else None
+
     def prepare(self, model: LinearModel) -> Projections:
         return projections(model)
+
+    def statistic(self, model: LinearModel, prepared: Projections, start: LeastSquaresSolution) -> Array:
+        return jnp.max(standardised(all_in_view(model, prepared, start)), axis=0) / self.quantile
 
     def solve(self, model: LinearModel, prepared: Projections, start: LeastSquaresSolution) -> Outcome:
         left = all_in_view(model, prepared, start)

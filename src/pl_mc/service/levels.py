@@ -1,4 +1,4 @@
-"""Protection levels of many geometries: one compiled call for a batch, and ARAIM from its own batched function."""
+"""Protection levels of many geometries: one compiled call for a batch, and what methods have of their own."""
 
 from __future__ import annotations
 
@@ -11,36 +11,17 @@ import numpy as np
 from jax import Array
 from numpy.typing import NDArray
 
-from pl_mc.araim.levels import protection_levels as araim_levels
 from pl_mc.engine.compiling import compiler_options
 from pl_mc.engine.noise import LANES, epoch_key, unit_inputs
-from pl_mc.geometry.record import POSITION_UNKNOWNS
 from pl_mc.kernels import LeastSquaresSolution, LinearModel, linear_model
 from pl_mc.kernels.linear_model import product
-from pl_mc.methods import Araim, MaxDop, Method, Nioraim, Parity, RangeComparison, Sbas, Slope, WTest
-from pl_mc.methods.w_test import POSTERIOR, SIGMA
+from pl_mc.methods import Method
+from pl_mc.methods.capabilities import declared, levels_from_geometry
 from pl_mc.noise_models import GAUSSIAN, NoiseModel
 from pl_mc.runtime.precision import dtype_of, precision_scope
 from pl_mc.service.sky import Geometries
 
 FloatArray = NDArray[np.float64]
-
-# Methods whose levels are those of `prepare`, whatever the errors and the options are.
-_GEOMETRY_ALONE = (Araim, MaxDop, Nioraim, RangeComparison, Sbas, Slope)
-
-
-def levels_from_geometry(method: Method) -> bool:
-    """Whether the levels of a method depend on the geometry alone, so that one draw tells all.
-
-    So they are where a parity or w-test leaves no satellite out, unless the w-test's scale with the residuals. A
-    method of another package says so by an attribute ``levels_from_geometry``.
-    """
-    alone = isinstance(method, _GEOMETRY_ALONE)
-    if isinstance(method, Parity):
-        alone = not method.exclude
-    elif isinstance(method, WTest):
-        alone = method.exclusions == 0 and not (method.form == SIGMA and method.variance == POSTERIOR)
-    return bool(getattr(method, "levels_from_geometry", alone))
 
 
 def levels_of_batch(
@@ -64,11 +45,12 @@ def levels_of_batch(
         methods: the methods.
         draws: noise draws for each geometry.
         seed: chooses the noise.
-        precision: ``float64`` or ``float32``; ARAIM is always in double precision.
+        precision: ``float64`` or ``float32``; a method's own function has its own.
         noise: how errors are distributed.
     """
     noisy = tuple(method for method in methods if not levels_from_geometry(method))
-    quiet = tuple(m for m in methods if levels_from_geometry(m) and not isinstance(m, Araim))
+    batched = {m.name: declared(m, "batched_levels") for m in methods if levels_from_geometry(m)}
+    quiet = tuple(m for m in methods if m.name in batched and batched[m.name] is None)
     found: dict[str, tuple[FloatArray, FloatArray]] = {}
     if noisy or quiet:
         dtype = dtype_of(precision)
@@ -86,9 +68,10 @@ def levels_of_batch(
             )
             for method, pair in zip((*noisy, *quiet), levels, strict=True):
                 found[method.name] = np.asarray(pair[0], dtype=float), np.asarray(pair[1], dtype=float)
-    for method in methods:
-        if isinstance(method, Araim):
-            found[method.name] = _araim(batch, method)
+    for name, own in batched.items():
+        if own is not None:
+            horizontal, vertical = own(batch.design, batch.sigma_m, batch.in_view, batch.systems)
+            found[name] = horizontal[:, None], vertical[:, None]
     return [found[method.name] for method in methods]
 
 
@@ -140,28 +123,3 @@ def _pairs(methods: tuple[Method, ...], model: LinearModel, noise: Array) -> lis
         (jnp.where(one.available, one.hpl_m, jnp.inf), jnp.where(one.available, one.vpl_m, jnp.inf))
         for one in outcomes
     ]
-
-
-def _araim(batch: Geometries, method: Araim) -> tuple[FloatArray, FloatArray]:
-    """The levels of `pl_mc.araim`, with the sigma of the model as that of the integrity model."""
-    variance = batch.sigma_m**2
-    letters = sorted(set(np.unique(batch.systems).tolist()) - {""})
-    unknowns = POSITION_UNKNOWNS + (batch.design[..., POSITION_UNKNOWNS:] != 0).any(axis=1).sum(axis=1)
-    if not letters:
-        nothing = np.full((len(variance), 1), np.inf)
-        return nothing, nothing
-    levels = araim_levels(
-        batch.design,
-        variance,
-        method.accuracy_ratio**2 * variance,
-        batch.systems.tolist(),
-        method.b_nom_m,
-        method.p_sat,
-        dict.fromkeys(letters, method.p_const),
-        method.budget,
-        method.unmonitored,
-        in_view=batch.in_view,
-    )
-    # A solution without redundancy counts as none, as for every method.
-    sound = levels.available & (batch.in_view.sum(axis=1) > unknowns)
-    return np.where(sound, levels.hpl_m, np.inf)[:, None], np.where(sound, levels.vpl_m, np.inf)[:, None]

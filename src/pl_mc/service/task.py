@@ -22,13 +22,14 @@ from pl_mc.engine.noise import LANES
 from pl_mc.engine.part_task import Kind
 from pl_mc.geometry.record import Geometry
 from pl_mc.input_errors import InputError
-from pl_mc.methods import Araim, Method
+from pl_mc.methods import Method
+from pl_mc.methods.capabilities import declared, levels_from_geometry
 from pl_mc.noise_models import NoiseModel
 from pl_mc.runtime.threads import in_order
 from pl_mc.service.continuity import Duration
 from pl_mc.service.counting import ServiceCounts
 from pl_mc.service.grid import WorldGrid
-from pl_mc.service.levels import levels_from_geometry, levels_of_batch
+from pl_mc.service.levels import levels_of_batch
 from pl_mc.service.sky import Geometries, WorldSky
 
 # Geometries of a batch: a few sites with all their epochs. Memory is that of a few batches, whatever the grid.
@@ -176,8 +177,8 @@ class ServiceTask:
         self, numbers: Iterable[int], *, threads: int, after_call: Callable[[], None]
     ) -> Generator[ServicePart]:
         """The counts of parts in order; ``after_call`` is called after each batch."""
-        # The function of ARAIM has threads of its own.
-        threads = 1 if all(isinstance(method, Araim) for method in self.methods) else threads
+        # Functions for many geometries have threads of their own.
+        threads = 1 if all(declared(method, "batched_levels") for method in self.methods) else threads
         calls = ((number, sites) for number in numbers for sites in self.batches_of(number))
         for (number, sites), levels in in_order(lambda call: self.levels(call[1]), calls, threads):
             part = self.sites_of(number)

@@ -117,9 +117,9 @@ def service_volume(
     receiver's false alerts are not part of it; levels that follow from what a test excluded are.
 
     Users stand on the ellipsoid at the middles of cells. Satellites are those of `pl_mc.simulate`. A method whose
-    levels depend on the geometry alone (`pl_mc.service.levels.levels_from_geometry`) gets one draw, since all would
-    be alike; ARAIM is computed by `pl_mc.araim.protection_levels`. Every geometry has noise of its own: that of a
-    sweep with this seed and the epoch number ``site * epochs + epoch``.
+    levels depend on the geometry alone (`pl_mc.methods.capabilities.LevelsFromGeometry`) gets one draw, since all
+    would be alike; ARAIM is computed by `pl_mc.araim.protection_levels`. Every geometry has noise of its own: that
+    of a sweep with this seed and the epoch number ``site * epochs + epoch``.
 
     Args:
         constellations, without, start, mask_deg, error_model: as for `pl_mc.simulate`; ``without`` names satellites

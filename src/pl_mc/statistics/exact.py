@@ -7,6 +7,7 @@ one-dimensional integral.
 
 from __future__ import annotations
 
+from dataclasses import dataclass
 from typing import Literal
 
 import numpy as np
@@ -102,6 +103,24 @@ def ls_rates(
             **dict(zip(RATE_COLUMNS, rates, strict=True)),
         }
     )
+
+
+@dataclass(frozen=True)
+class LeastSquaresLaw:
+    """The law of a method whose position is weighted least squares and which has no test but its level.
+
+    VPL = k_vertical sqrt(V'PV / (n - t)) VDOP, and there is an alarm where VPL > VAL or there is no solution (Zhao
+    et al. 2021, eqs 4, 12, 16).
+
+    Attributes:
+        k_vertical: multiplier of the vertical level.
+    """
+
+    k_vertical: float = K_VERTICAL
+
+    def rates(self, g: Geometry, faults: Faults, alert: AlertLimits) -> pd.DataFrame:
+        """The exact rates under each fault, as of `ls_rates`."""
+        return ls_rates(g, faults, alert=alert, k_vertical=self.k_vertical)
 
 
 def error_and_alarm_rates(

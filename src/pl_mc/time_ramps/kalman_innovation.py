@@ -30,7 +30,8 @@ from pl_mc.geometry.record import POSITION_UNKNOWNS, UP
 from pl_mc.input_errors import InputError, require_choice, require_fraction, require_positive
 from pl_mc.kernels.linear_model import product
 from pl_mc.methods.raim_levels import P_FA
-from pl_mc.time_ramps.signals import NoiseInTime, Rows
+from pl_mc.time_ramps.sequential import Sample
+from pl_mc.time_ramps.signals import LANES, NoiseInTime, Rows
 from pl_mc.time_ramps.windows import (
     WindowTests,
     name_with_windows,
@@ -98,6 +99,9 @@ class KalmanInnovation:
         ]
         return name_with_windows(f"kalman({','.join(parts)})" if parts else "kalman", self.windows_s)
 
+    def plan(self, rows: Rows, noise: NoiseInTime, ramp_m: FloatArray, onset: int) -> FilterPlan:
+        return filter_plan(self, rows, noise, ramp_m, onset)
+
 
 @jax.tree_util.register_dataclass
 @dataclass(frozen=True)
@@ -114,6 +118,7 @@ class FilterPlan:
         up_m: (T,), the filter's vertical error in a unit ramp [m].
         tests: at the monitored epochs.
         base: number of states of the motion.
+        own_position: whether the filter's own position is guarded.
     """
 
     measurement: Array
@@ -125,6 +130,34 @@ class FilterPlan:
     up_m: Array
     tests: WindowTests
     base: int = field(metadata={"static": True})
+    own_position: bool = field(metadata={"static": True})
+
+    @property
+    def motions(self) -> int:
+        return self.base
+
+    def epochs(self) -> tuple[Array, Array, Array]:
+        return self.measurement, self.gain, self.weight
+
+    def begin(self) -> tuple[Array, Array, Array]:
+        """The true motion, the filter's state, and the sum of S^-1 nu [1/m]."""
+        satellites, states = self.measurement.shape[1:]
+        return jnp.zeros((self.base, LANES)), jnp.zeros((states, LANES)), jnp.zeros((satellites, LANES))
+
+    def advance(
+        self, epoch: tuple[Array, Array, Array], state: tuple[Array, Array, Array], sample: Sample
+    ) -> tuple[tuple[Array, Array, Array], Array, Array]:
+        (measurement, gain, weight), (true, believed, total) = epoch, state
+        numbers = sample.motion[: self.base]
+        moved = product(self.transition[: self.base, : self.base], true) + product(self.process_root, numbers)
+        true = jnp.where(sample.time == 0, self.start_root[:, None] * numbers, moved)
+        # Pseudoranges less those of the nominal state.
+        observed_m = sample.noise_m + product(measurement[:, : self.base], true)
+        predicted = product(self.transition, believed)
+        innovation = (observed_m - product(measurement, predicted)) * sample.in_view[:, None]
+        believed = predicted + product(gain, innovation)
+        total = total + product(weight, innovation)
+        return (true, believed, total), total, believed[UP] - true[UP]
 
 
 def filter_plan(
@@ -176,6 +209,7 @@ def filter_plan(
         up_m=jnp.asarray(up_m),
         tests=window_tests(made, samples),
         base=base,
+        own_position=test.guards == FILTER_POSITION,
     )
 
 
@@ -205,28 +239,6 @@ def motion_model(
         process[place, axis] = change * np.sqrt(3.0) / 2.0
         process[place, place] = change / 2.0
     return transition, process, np.concatenate([start, [START_VELOCITY_M_PER_S] * POSITION_UNKNOWNS])
-
-
-def filter_step(
-    plan: FilterPlan, measurement: Array, gain: Array, predicted: Array, observed_m: Array, in_view: Array
-) -> tuple[Array, Array]:
-    """One update in every lane: the new state (s, lanes) and the innovations (m, lanes) [m].
-
-    Args:
-        plan: the filter.
-        measurement, gain: its H and K at this epoch.
-        predicted: (s, lanes), F times the last state.
-        observed_m: (m, lanes), pseudoranges less those of the nominal state [m].
-        in_view: (m,).
-    """
-    innovation = (observed_m - product(measurement, predicted)) * in_view[:, None]
-    return predicted + product(gain, innovation), innovation
-
-
-def move(plan: FilterPlan, state: Array, numbers: Array, time: Array) -> Array:
-    """(base, lanes), the true motion's next state, or its first at time zero."""
-    moved = product(plan.transition[: plan.base, : plan.base], state) + product(plan.process_root, numbers)
-    return jnp.where(time == 0, plan.start_root[:, None] * numbers, moved)
 
 
 def _gains(

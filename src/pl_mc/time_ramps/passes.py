@@ -21,20 +21,12 @@ from pl_mc.kernels import LeastSquaresSolution, LinearModel
 from pl_mc.kernels.linear_model import product
 from pl_mc.methods import Method
 from pl_mc.noise_models.gauss_markov import step
-from pl_mc.time_ramps.kalman_innovation import (
-    LS_POSITION,
-    FilterPlan,
-    KalmanInnovation,
-    filter_plan,
-    filter_step,
-    move,
-)
-from pl_mc.time_ramps.sequential_parity import SequentialParity, parity_tests
+from pl_mc.time_ramps.sequential import Sample, SequentialPlan, SequentialTest
 from pl_mc.time_ramps.signals import LANES, NoiseInTime, Rows, pass_key, step_numbers
 from pl_mc.time_ramps.snapshot import alarm_ratio
 from pl_mc.time_ramps.windows import WindowTests, largest_ratio
 
-Test = Method | SequentialParity | KalmanInnovation
+Test = Method | SequentialTest
 
 
 @jax.tree_util.register_dataclass
@@ -49,8 +41,7 @@ class PassPlan:
         ramp_m: (T, m), the ramp of 1 m/s [m].
         correlation, share: () of the correlated part of the errors.
         vertical_m: (), VAL [m].
-        parities: of each accumulated parity test.
-        filters: of each Kalman filter.
+        sequential: what the sequential tests make of them.
     """
 
     models: LinearModel
@@ -60,8 +51,7 @@ class PassPlan:
     correlation: Array
     share: Array
     vertical_m: Array
-    parities: tuple[WindowTests, ...]
-    filters: tuple[FilterPlan, ...]
+    sequential: tuple[SequentialPlan, ...]
 
 
 @jax.tree_util.register_dataclass
@@ -89,14 +79,12 @@ class Signals:
 
     Attributes:
         noise: (T, m, lanes), errors in units of sigma, zero out of view.
-        residual_sum: (T, m, lanes), whitened residuals summed from the first sample on.
-        pulled_sum: for each filter (T, m, lanes), S^-1 nu summed likewise [1/m].
-        up_m: for each filter (T, lanes), its own vertical error [m].
+        sums: for each sequential test (T, m, lanes), its vectors summed from the first sample on.
+        up_m: for each (T, lanes), its own vertical error [m].
     """
 
     noise: Array
-    residual_sum: Array
-    pulled_sum: tuple[Array, ...]
+    sums: tuple[Array, ...]
     up_m: tuple[Array, ...]
 
 
@@ -115,8 +103,6 @@ def pass_plan(
         one_clock_per_row=bool(((rows.design[..., 3:] != 0).sum(axis=-1) <= 1).all()),
     )
     models, prepared = _prepare_all(batch, methods=methods)
-    parities = [parity_tests(one, rows, noise, ramp_m, onset) for one in tests if isinstance(one, SequentialParity)]
-    filters = [filter_plan(one, rows, noise, ramp_m, onset) for one in tests if isinstance(one, KalmanInnovation)]
     return PassPlan(
         models=models,
         prepared=prepared,
@@ -125,14 +111,15 @@ def pass_plan(
         correlation=jnp.asarray(noise.correlation(rows.interval_s)),
         share=jnp.asarray(noise.share),
         vertical_m=jnp.asarray(vertical_m),
-        parities=tuple(parities),
-        filters=tuple(filters),
+        sequential=tuple(
+            test.plan(rows, noise, ramp_m, onset) for test in tests if isinstance(test, SequentialTest)
+        ),
     )
 
 
 def snapshot_methods(tests: tuple[Test, ...]) -> tuple[Method, ...]:
     """Those that look at single epochs."""
-    return tuple(one for one in tests if not isinstance(one, SequentialParity | KalmanInnovation))
+    return tuple(test for test in tests if not isinstance(test, SequentialTest))
 
 
 @functools.partial(jax.jit, static_argnames=("methods",))
@@ -144,36 +131,26 @@ def fault_free_signals(plan: PassPlan, key: Array) -> Signals:
     """One block of passes without a fault; every test, rate and method sees these errors."""
     models = plan.models
     epochs, rows = models.in_view.shape
-    motions = max((one.base for one in plan.filters), default=0)
+    motions = max((each.motions for each in plan.sequential), default=0)
 
     def at_epoch(carry: tuple, x: tuple) -> tuple[tuple, Signals]:
-        slow, residual_sum, moving = carry
-        time, model, sigma_m, own = x
+        slow, states = carry
+        time, model, sigma_m, epoch = x
         white, fresh, motion = step_numbers(key, time, rows, motions)
         slow = jnp.where(time == 0, fresh, step(slow, fresh, plan.correlation))
         noise = jnp.sqrt(1.0 - plan.share) * white + jnp.sqrt(plan.share) * slow
         noise = noise * model.in_view[:, None]
-        residual_sum = residual_sum + noise - product(model.design, product(model.gain, noise))
-        after, up = [], []
-        for filter_, (true, state, total), (measurement, gain, weight) in zip(
-            plan.filters, moving, own, strict=True
-        ):
-            true = move(filter_, true, motion[: filter_.base], time)
-            observed_m = noise * sigma_m[:, None] + product(measurement[:, : filter_.base], true)
-            predicted = product(filter_.transition, state)
-            state, innovation = filter_step(filter_, measurement, gain, predicted, observed_m, model.in_view)
-            after.append((true, state, total + product(weight, innovation)))
-            up.append(state[2] - true[2])
-        pulled = tuple(one[2] for one in after)
-        return (slow, residual_sum, tuple(after)), Signals(noise, residual_sum, pulled, tuple(up))
+        fitted = product(model.design, product(model.gain, noise))
+        sample = Sample(time, noise, fitted, noise * sigma_m[:, None], motion, model.in_view)
+        plans = zip(plan.sequential, epoch, states, strict=True)
+        after = [each.advance(own, state, sample) for each, own, state in plans]
+        sums, up = tuple(total for _, total, _ in after), tuple(up for *_, up in after)
+        return (slow, tuple(state for state, *_ in after)), Signals(noise, sums, up)
 
-    nothing = jnp.zeros((rows, LANES))
-    start = tuple(
-        (jnp.zeros((one.base, LANES)), jnp.zeros((one.transition.shape[0], LANES)), nothing) for one in plan.filters
-    )
-    own = tuple((one.measurement, one.gain, one.weight) for one in plan.filters)
+    start = tuple(each.begin() for each in plan.sequential)
+    own = tuple(each.epochs() for each in plan.sequential)
     xs = (jnp.arange(epochs, dtype=jnp.int32), models, plan.sigma_m, own)
-    return jax.lax.scan(at_epoch, (nothing, nothing, start), xs)[1]
+    return jax.lax.scan(at_epoch, (jnp.zeros((rows, LANES)), start), xs)[1]
 
 
 @functools.partial(jax.jit, static_argnames=("tests", "onset"))
@@ -207,8 +184,8 @@ def watch_block(
         return [now - jax.lax.dynamic_index_in_dim(values, time - w, keepdims=False) for w in tests_.samples]
 
     def at_epoch(watched: Watched, x: tuple) -> tuple[Watched, None]:
-        time, model, prepared, ramp_m, noise, parities, filters, ups, up_ramps = x
-        one = EpochBatch(
+        time, model, prepared, ramp_m, noise, windows, ups, up_ramps = x
+        epoch = EpochBatch(
             design=model.design,
             sigma_m=model.weight_root,
             in_view=model.in_view,
@@ -224,24 +201,19 @@ def watch_block(
             ]
             return asked, start.state[2]
 
-        asked, ls_up_m = each_fault(model, one, noise, ask)
-        single, parity, kalman = iter(asked), iter(range(len(parities))), iter(range(len(filters)))
-        ratios, errors = [], []
-        for test in tests:
-            if isinstance(test, SequentialParity):
-                k = next(parity)
-                ratios.append(largest_ratio(parities[k], sums(signals.residual_sum, parities[k], time), rates))
-                errors.append(ls_up_m)
-            elif isinstance(test, KalmanInnovation):
-                k = next(kalman)
-                ratios.append(largest_ratio(filters[k], sums(signals.pulled_sum[k], filters[k], time), rates))
-                own_m = ups[k][None] + rates[:, None] * up_ramps[k]
-                errors.append(ls_up_m if test.guards == LS_POSITION else own_m)
-            else:
-                ratio, up_m = next(single)
-                ratios.append(ratio)
-                errors.append(up_m)
-        stacked = jnp.stack(ratios), jnp.stack(errors)
+        asked, ls_up_m = each_fault(model, epoch, noise, ask)
+        sequential = [
+            (
+                largest_ratio(own, sums(total, own, time), rates),
+                up[None] + rates[:, None] * up_ramp if each.own_position else ls_up_m,
+            )
+            for each, own, total, up, up_ramp in zip(
+                plan.sequential, windows, signals.sums, ups, up_ramps, strict=True
+            )
+        ]
+        single, others = iter(asked), iter(sequential)
+        pairs = [next(others if isinstance(test, SequentialTest) else single) for test in tests]
+        stacked = jnp.stack([ratio for ratio, _ in pairs]), jnp.stack([up_m for _, up_m in pairs])
         return watch_sample(watched, time - onset, *stacked, thresholds, plan.vertical_m), None
 
     shape = (len(tests), rates.shape[0], LANES)
@@ -251,9 +223,8 @@ def watch_block(
     xs = (
         jnp.arange(onset, epochs, dtype=jnp.int32),
         *jax.tree.map(lambda part: part[tail], (plan.models, plan.prepared, plan.ramp_m, signals.noise)),
-        plan.parities,
-        tuple(one.tests for one in plan.filters),
-        *jax.tree.map(lambda part: part[tail], (signals.up_m, tuple(one.up_m for one in plan.filters))),
+        tuple(each.tests for each in plan.sequential),
+        *jax.tree.map(lambda part: part[tail], (signals.up_m, tuple(each.up_m for each in plan.sequential))),
     )
     return jax.lax.scan(at_epoch, first, xs)[0]
 

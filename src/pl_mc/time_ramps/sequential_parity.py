@@ -10,14 +10,18 @@ covariance, and no constraint.
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
+import jax
+import jax.numpy as jnp
 import numpy as np
+from jax import Array
 
 from pl_mc.arrays import FloatArray
 from pl_mc.input_errors import require_fraction
 from pl_mc.methods.raim_levels import P_FA
-from pl_mc.time_ramps.signals import NoiseInTime, Rows
+from pl_mc.time_ramps.sequential import Sample
+from pl_mc.time_ramps.signals import LANES, NoiseInTime, Rows
 from pl_mc.time_ramps.windows import (
     WindowTests,
     name_with_windows,
@@ -27,6 +31,27 @@ from pl_mc.time_ramps.windows import (
     window_sums,
     window_tests,
 )
+
+
+@jax.tree_util.register_dataclass
+@dataclass(frozen=True)
+class ParityPlan:
+    """The tests of the summed residuals, which guard the least-squares position."""
+
+    tests: WindowTests
+    up_m: Array
+    own_position: bool = field(default=False, metadata={"static": True})
+    motions: int = field(default=0, metadata={"static": True})
+
+    def epochs(self) -> tuple[()]:
+        return ()
+
+    def begin(self) -> Array:
+        return jnp.zeros((self.tests.whitener.shape[-1], LANES))
+
+    def advance(self, epoch: tuple[()], state: Array, sample: Sample) -> tuple[Array, Array, Array]:
+        total = state + sample.noise - sample.fitted
+        return total, total, jnp.zeros(LANES)
 
 
 @dataclass(frozen=True)
@@ -54,6 +79,9 @@ class SequentialParity:
     @property
     def name(self) -> str:
         return name_with_windows("sequential_parity", self.windows_s)
+
+    def plan(self, rows: Rows, noise: NoiseInTime, ramp_m: FloatArray, onset: int) -> ParityPlan:
+        return ParityPlan(parity_tests(self, rows, noise, ramp_m, onset), up_m=jnp.zeros(len(rows.design)))
 
 
 def residual_maps(rows: Rows) -> FloatArray:

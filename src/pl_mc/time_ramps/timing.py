@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from typing import Any, Protocol, runtime_checkable
+from typing import Any
 
 import jax
 import jax.numpy as jnp
@@ -19,15 +19,14 @@ from pl_mc.engine.calls import Chunk, Cut, run_calls
 from pl_mc.engine.checks import LARGEST_SEED, require_geometry_and_alert
 from pl_mc.geometry.record import Geometry
 from pl_mc.input_errors import InputError, require_fraction, require_whole
-from pl_mc.methods import METHODS
+from pl_mc.methods import METHODS, Method
+from pl_mc.methods.capabilities import refusal
 from pl_mc.named import as_records
 from pl_mc.runtime.precision import precision_scope
 from pl_mc.runtime.progress import progress_bar
 from pl_mc.statistics.intervals import clopper_pearson, rate_columns
-from pl_mc.time_ramps.kalman_innovation import KalmanInnovation
 from pl_mc.time_ramps.passes import Test, Watched, pass_plan, watch_block
 from pl_mc.time_ramps.registry import SEQUENTIAL
-from pl_mc.time_ramps.sequential_parity import SequentialParity
 from pl_mc.time_ramps.signals import NoiseInTime, Rows, rows_by_satellite, unit_ramp_m, whole_samples
 from pl_mc.time_ramps.snapshot import has_ratio
 
@@ -76,7 +75,8 @@ def time_to_alert(
         g_series: epochs at equal intervals; the requirements of 6, 10 and 30 s ask for 1 s.
         satellite: in view from the onset on.
         rates_m_per_s: (f,), rates of the ramp [m/s]; 0 is the fault-free pass.
-        methods: names or records of snapshot methods and of sequential tests (``sequential_parity``, ``kalman``).
+        methods: names or records of methods with a test statistic, or with a level that scales with K and knows the
+            errors (`pl_mc.methods.capabilities`), and of sequential tests (``sequential_parity``, ``kalman``).
         tau_s, share: see `NoiseInTime`.
         draws: passes for each rate.
         seed: chooses the noise, 0 to 2^32 - 1.
@@ -91,8 +91,8 @@ def time_to_alert(
 
         - ``tau_s, share, rate_m_per_s, method``, ``threshold`` (of the ratio to the method's nominal one), and
           ``false_alarms`` in ``false_alarm_passes``, ``false_alarm_rate, _low, _high``; the threshold is infinite
-          where a method has no solution in more than a share ``p_fa`` of fault-free passes, so that none can keep
-          the rate: it alarms where it has no solution, and must not be compared;
+          where a method has no solution, or a test beside its level rejects, in more than a share ``p_fa`` of
+          fault-free passes, so that none can keep the rate: it alarms there, and must not be compared;
         - ``passes, monitored_s``; ``detected`` passes with an alarm, ``detected_rate, _low, _high``;
         - ``hazards``, passes with an error beyond VAL;
         - quantiles ``X_50_s`` and ``X_95_s`` with bounds ``X_50_low_s``, ... of X = ``alert_after_onset`` over all
@@ -158,23 +158,11 @@ def time_to_alert(
 
 def as_tests(methods: Sequence[str | Test]) -> tuple[Test, ...]:
     """Names and records, made records; an `InputError` for those that have no statistic to calibrate."""
-    able = {name: cls for name, cls in METHODS.items() if has_ratio(cls)}
-    made = as_records(methods, able | SEQUENTIAL, _Named, what="method")
-    for one in made:
-        if not (isinstance(one, SequentialParity | KalmanInnovation) or has_ratio(type(one))):
-            raise InputError(
-                f"methods: {getattr(one, 'name', one)!r} has no statistic whose threshold could be moved (methods "
-                f"that have: {', '.join(able | SEQUENTIAL)})."
-            )
+    made = as_records(methods, METHODS | SEQUENTIAL, Test, what="method")
+    for test in made:
+        if isinstance(test, Method) and not has_ratio(test):
+            raise refusal(test, "statistic", "scales_with_k", able=has_ratio, field="methods", also=SEQUENTIAL)
     return made
-
-
-@runtime_checkable
-class _Named(Protocol):
-    """What snapshot methods and sequential tests have in common."""
-
-    @property
-    def name(self) -> str: ...
 
 
 def calibrated(largest: FloatArray, p_fa: float) -> FloatArray:

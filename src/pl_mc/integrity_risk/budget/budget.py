@@ -42,6 +42,7 @@ from pl_mc.integrity_risk.budget.fault_modes import (
 from pl_mc.integrity_risk.worst.ls_exact import (
     LsEpoch,
     event_probability,
+    law_with,
     ls_epoch,
     require_event,
     upper_bound,
@@ -49,7 +50,8 @@ from pl_mc.integrity_risk.worst.ls_exact import (
 )
 from pl_mc.integrity_risk.worst.search import NO_ESTIMATE, Estimator, rare_event_estimator
 from pl_mc.integrity_risk.worst.worst_case import exact_worst, worst_case
-from pl_mc.methods import Ls, Method, as_methods
+from pl_mc.methods import Method, as_methods
+from pl_mc.statistics.exact import LeastSquaresLaw
 
 NOT_MONITORED, TOTAL = "not_monitored", "total"
 EXACT, ESTIMATED, BOUNDED = "exact", "estimated", "bounded by the prior"
@@ -107,10 +109,10 @@ def risk_budget(
 ) -> pd.DataFrame:
     """Contributions of all fault modes to the integrity risk of an approach.
 
-    For least squares every conditional probability is exact, but for biases from a distribution on several
-    satellites, whose exact probabilities are averaged over drawn sizes. For other methods they are estimates of the
-    rare-event estimator; the worst faults of more than two satellites at a time, such as those of a constellation
-    with independent biases, are then beyond the search and bounded by their priors.
+    For a method with an exact law, such as least squares, every conditional probability is exact, but for biases
+    from a distribution on several satellites, whose exact probabilities are averaged over drawn sizes. For other
+    methods they are estimates of the rare-event estimator; the worst faults of more than two satellites at a time,
+    as of a constellation with independent biases, are then beyond the search and bounded by their priors.
 
     Args:
         g: one epoch.
@@ -162,16 +164,13 @@ def risk_budget(
     if sizes is None and weights is not None:
         raise InputError("weights: they belong to an array of sizes, which bias='worst' is not.")
     (chosen,) = as_methods([method])
-    exact = isinstance(chosen, Ls) and estimator is None
-    if not exact and alarm != "pl":
-        raise InputError(f"alarm: {alarm!r} is for exact least squares alone; use 'pl' with {chosen.name}.")
+    law = law_with(alarm, chosen, estimated=estimator is not None)
     # Least squares ranks the pairs for every method.
-    record = chosen if isinstance(chosen, Ls) else Ls()
-    epoch = ls_epoch(g, record, alarm=alarm, p_fa=p_fa, alert=alert)
+    epoch = ls_epoch(g, law or LeastSquaresLaw(), alarm=alarm, p_fa=p_fa, alert=alert)
     satellite_priors, constellation_priors = source_priors(g, p_sat, p_const)
     modes = fault_modes(g, satellite_priors, constellation_priors, constellation=constellation)
-    modes = _choose_pairs(modes, epoch, ("all" if exact else _FEW_PAIRS) if pairs is None else pairs)
-    if exact:
+    modes = _choose_pairs(modes, epoch, ("all" if law else _FEW_PAIRS) if pairs is None else pairs)
+    if law:
         found = _exact_conditionals(g, epoch, event, modes, sizes, draws=draws, seed=seed)
     else:
         estimate = estimator or rare_event_estimator(

@@ -9,7 +9,6 @@ a rare-event estimator gives and another one checks.
 
 from __future__ import annotations
 
-import dataclasses
 import math
 from collections.abc import Callable
 from typing import Any, Literal
@@ -32,11 +31,11 @@ from pl_mc.integrity_risk.k_factor.record import (
     alarm_rate,
     always_alarms,
     exact_k_factor,
-    require_multiple,
 )
 from pl_mc.integrity_risk.k_factor.search import bounds_of, first_guess, searched
 from pl_mc.integrity_risk.worst.search import Estimator
-from pl_mc.methods import Ls, Method, as_methods
+from pl_mc.methods import Method, as_methods
+from pl_mc.methods.capabilities import exact_law, k_of, require_k, with_k
 from pl_mc.statistics.least_squares import ls_quantities
 
 
@@ -58,16 +57,18 @@ def calibrate(
 ) -> pd.DataFrame:
     """The multiplier of the vertical protection level with which P(event) is ``target``, and its cost in alarms.
 
-    Least squares is exact: fault-free, ``exceeded`` needs Student's quantile for n - t degrees of freedom, both
-    signs together, and everything else the root of an exact probability. For other methods the multiplier comes
-    from ``draws`` ratios where that many can tell, draws >= log(1 - confidence) / log(1 - target), about 3 /
-    target for 95 %; else, one epoch at a time, from the curve of P(event) against K, which subset simulation on the
-    ratio gives at one go, inverted together with its bounds. Importance sampling with random numbers of its own
-    checks P(event) at the multiplier that is found: where the two disagree there is a warning and no number.
+    A method with an exact law, such as least squares, gets an exact multiplier: fault-free, ``exceeded`` needs
+    Student's quantile for n - t degrees of freedom, both signs together, and everything else the root of an exact
+    probability. For other methods the multiplier comes from ``draws`` ratios where that many can tell, draws >=
+    log(1 - confidence) / log(1 - target), about 3 / target for 95 %; else, one epoch at a time, from the curve of
+    P(event) against K, which subset simulation on the ratio gives at one go, inverted together with its bounds.
+    Importance sampling with random numbers of its own checks P(event) at the multiplier that is found: where the
+    two disagree there is a warning and no number.
 
     Args:
         g: the geometry, one epoch or a series.
-        method: name or record of a method, with the multiplier that is compared.
+        method: name or record of a method whose level scales with K (`pl_mc.methods.capabilities.ScalesWithK`),
+            with the multiplier that is compared.
         target: probability of the event per sample.
         faults: the faults under which the target shall hold, each for itself; the fault-free case unless given.
         event: ``exceeded``, |vertical error| > VPL, alarm or not; ``misleading``, the same and no alarm.
@@ -75,7 +76,7 @@ def calibrate(
         confidence: with which ``k_high`` keeps the target, and ``k_low`` does not: each for itself.
         pooled: for a series: one multiplier for all epochs, with which the mean risk over them is the target,
             instead of one for each.
-        draws, seed: of the ratios, per epoch and fault; not used by least squares.
+        draws, seed: of the ratios, per epoch and fault; not used where the law is exact.
         target_cov, max_evaluations: of the rare-event estimators: relative standard error of P(event) that is aimed
             at, and scenarios that an epoch and fault may cost.
         estimator: a function of a method that gives the function of faults, coefficient of variation and seed
@@ -98,8 +99,8 @@ def calibrate(
         fault`` and lists ``k_vertical, probability, low, high`` (either bound with the confidence).
 
     Raises:
-        InputError: options outside their range, faults of another geometry, a pooled multiplier whose target is too
-            rare to count.
+        InputError: a method without a multiplier, options outside their range, faults of another geometry, a pooled
+            multiplier whose target is too rare to count.
     """
     require_geometry_and_alert(g, alert)
     faults = no_fault(g) if faults is None else faults
@@ -110,9 +111,7 @@ def calibrate(
     draws = require_whole(draws, field="draws", low=1, high=LARGEST_DRAWS)
     seed = require_whole(seed, field="seed", low=0, high=LARGEST_SEED)
     (chosen,) = as_methods([method])
-    if not hasattr(chosen, "k_vertical") or not dataclasses.is_dataclass(chosen):
-        raise InputError(f"method: {chosen.name} has no multiplier k_vertical to calibrate.")
-    require_multiple(chosen)
+    require_k(chosen)
     series = g.as_series()
     epochs = [series] if pooled else [series[k : k + 1] for k in range(len(series))]
     rows: list[dict[str, Any]] = []
@@ -130,7 +129,7 @@ def calibrate(
                 "event": event,
                 "target": float(target),
             }
-            if isinstance(chosen, Ls) and estimator is None:
+            if exact_law(chosen) is not None and estimator is None:
                 found, alarm = exact_k_factor(part, fault, chosen, event, alert, target)
             else:
                 found, alarm, curve = _estimated(
@@ -139,7 +138,7 @@ def calibrate(
                 )  # fmt: skip
                 if curve is not None:
                     curves.append(_curve_columns(keys, curve, confidence))
-            rows.append(keys | _columns(found, float(chosen.k_vertical), alarm))
+            rows.append(keys | _columns(found, k_of(chosen), alarm))
     if not rows:
         raise InputError("faults: none of them has all of its satellites in view at any epoch of this geometry.")
     table = pd.DataFrame(rows)
@@ -154,7 +153,7 @@ def calibrate(
 def _estimated(
     g: Geometry,
     fault: Faults,
-    method: Any,
+    method: Method,
     event: str,
     alert: AlertLimits,
     *,
@@ -195,11 +194,11 @@ def _estimated(
         local = Faults.from_array(one, fault.bias_m[:, [g.names.index(name) for name in one.names]])
 
         def trial(k: float) -> tuple[float, float, float, str]:
-            row = estimator(dataclasses.replace(method, k_vertical=k))(local, target_cov, seed).iloc[0]
+            row = estimator(with_k(method, k))(local, target_cov, seed).iloc[0]
             return *bounds_of(row, confidence), str(row["warning"])
 
         found = searched(trial, first_guess(ratio, target), target)
-    alarm = [alarm_rate(unit_m, k, alert, confidence) for k in (float(method.k_vertical), found.high)]
+    alarm = [alarm_rate(unit_m, k, alert, confidence) for k in (k_of(method), found.high)]
     return found, alarm_columns(*alarm), curve
 
 

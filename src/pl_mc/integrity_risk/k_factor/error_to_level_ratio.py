@@ -7,10 +7,9 @@ once; the levels that subset simulation climbs through are multipliers themselve
 
 from __future__ import annotations
 
-import dataclasses
 import functools
 from dataclasses import dataclass
-from typing import Any, Protocol
+from typing import Protocol
 
 import jax
 import jax.numpy as jnp
@@ -25,6 +24,7 @@ from pl_mc.integrity_risk.rare.limit_state import EpochState
 from pl_mc.integrity_risk.rare.subset import Coordinates
 from pl_mc.kernels import linear_model, start_from
 from pl_mc.methods.base import Method, Outcome
+from pl_mc.methods.capabilities import with_k
 
 EXCEEDED, MISLEADING = "exceeded", "misleading"
 EVENTS = (EXCEEDED, MISLEADING)
@@ -81,13 +81,12 @@ def ratio_state(g: Geometry, fault: Faults, method: Method, event: str, alert: A
     Args:
         g: one epoch, or a series of one.
         fault: one fault of this geometry.
-        method: with a multiplier ``k_vertical``, whose value is of no account.
+        method: with a multiplier, whose value is of no account.
         event: one of `EVENTS`.
         alert: alert limits; the vertical one is used.
     """
     # A change of the multiplier would be another record, and a compilation of its own.
-    unit: Any = dataclasses.replace(method, k_vertical=1.0)  # type: ignore[type-var]
-    return RatioState.of(g.as_series(), 0, fault.bias_m[0], unit, event, alert)
+    return RatioState.of(g.as_series(), 0, fault.bias_m[0], with_k(method, 1.0), event, alert)
 
 
 def ratio_of(outcome: Outcome, vertical_m: Array | float, misleading: Array | bool) -> Array:

@@ -6,7 +6,6 @@ The number of ratios above a quantile is binomial, whatever the law of the ratio
 from __future__ import annotations
 
 import math
-from typing import Any
 
 import numpy as np
 from scipy import stats
@@ -18,6 +17,8 @@ from pl_mc.faults import Faults
 from pl_mc.geometry.record import Geometry
 from pl_mc.integrity_risk.k_factor.error_to_level_ratio import MISLEADING
 from pl_mc.integrity_risk.k_factor.record import COUNTING, Found
+from pl_mc.methods import Method
+from pl_mc.methods.capabilities import k_of
 from pl_mc.statistics.intervals import clopper_pearson
 
 # An alert limit that no protection level passes: an alarm in spite of it is the method's own test.
@@ -59,7 +60,7 @@ def fewest_draws(target: float, confidence: float) -> int:
 
 
 def drawn_ratios(
-    g: Geometry, fault: Faults, method: Any, event: str, alert: AlertLimits, *, draws: int, seed: int
+    g: Geometry, fault: Faults, method: Method, event: str, alert: AlertLimits, *, draws: int, seed: int
 ) -> tuple[FloatArray, FloatArray]:
     """VPL for a multiplier of one [m] and the ratio of each draw.
 
@@ -73,7 +74,7 @@ def drawn_ratios(
         count = min(_DRAWS_PER_CALL, draws - k * _DRAWS_PER_CALL)
         table = sample(g, fault, draws=count, seed=int(seeds[k]), methods=(method,), alert=NO_LIMIT)
         available, rejects = table["available"].to_numpy(bool), table["alarm"].to_numpy(bool)
-        level_m = np.where(available, table["vpl_m"], np.inf) / method.k_vertical
+        level_m = np.where(available, table["vpl_m"], np.inf) / k_of(method)
         error_m = np.where(available, np.abs(table["up_m"]), 0.0)
         silent = available & ~rejects
         worth_m = np.minimum(error_m, alert.vertical_m) if event == MISLEADING else error_m

@@ -1,4 +1,4 @@
-"""What a calibrated multiplier is, and the alarms that come with it; exact for least squares."""
+"""What a calibrated multiplier is, and the alarms that come with it; exact where the method has a law."""
 
 from __future__ import annotations
 
@@ -7,6 +7,7 @@ from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
+import pandas as pd
 from numpy.typing import NDArray
 from scipy import optimize
 
@@ -15,8 +16,8 @@ from pl_mc.faults import Faults
 from pl_mc.geometry.record import Geometry
 from pl_mc.input_errors import InputError
 from pl_mc.integrity_risk.k_factor.error_to_level_ratio import EXCEEDED
-from pl_mc.methods import Ls, Method
-from pl_mc.statistics.exact import ls_rates
+from pl_mc.methods import Method
+from pl_mc.methods.capabilities import exact_law, k_of, with_k
 from pl_mc.statistics.intervals import clopper_pearson
 from pl_mc.statistics.least_squares import ls_quantities
 from pl_mc.statistics.student import student_factor
@@ -27,19 +28,6 @@ EXACT, COUNTING, RARE = "exact", "counting", "rare events"
 
 # Multipliers beyond these are no protection levels; K is searched for between them.
 LARGEST_FACTOR, SMALLEST_FACTOR = 1e9, 1e-6
-
-
-# Forms of levels that are k_vertical times something; methods without forms have no others.
-_FORMS_OF_MULTIPLES = (None, "sigma", "subset")
-
-
-def require_multiple(method: Method) -> None:
-    """Raise `InputError` for a method whose levels have another form than k_vertical times something."""
-    if getattr(method, "form", None) not in _FORMS_OF_MULTIPLES:
-        raise InputError(
-            f"method: the levels of {method.name} are no multiple of k_vertical; with form 'sigma' (max_dop: "
-            "'subset') they are."
-        )
 
 
 @dataclass(frozen=True)
@@ -69,29 +57,38 @@ def always_alarms() -> Found:
     return Found(0.0, 0.0, 0.0, 0.0, 0.0, 0.0, EXACT, 0)
 
 
+def exact_rates(g: Geometry, faults: Faults, method: Method, alert: AlertLimits, k: float) -> pd.DataFrame:
+    """The rates of `ls_rates` for a method with an exact law and another multiplier ``k``."""
+    law = exact_law(with_k(method, k))
+    assert law is not None
+    return law.rates(g, faults, alert)
+
+
 def exact_k_factor(
-    g: Geometry, fault: Faults, method: Ls, event: str, alert: AlertLimits, target: float
+    g: Geometry, fault: Faults, method: Method, event: str, alert: AlertLimits, target: float
 ) -> tuple[Found, dict[str, float]]:
-    """Least squares; ``g`` is a series over which the mean risk counts."""
-    column = f"{event}_rate"
+    """Of a method with an exact law; ``g`` is a series over which the mean risk counts."""
     quantities, kept = ls_quantities(g), fault.applies(g)[:, 0]
     dof = quantities.dof[kept & quantities.available]
 
+    def mean_rate(k: float, what: str) -> float:
+        return float(exact_rates(g, fault, method, alert, k)[f"{what}_rate"].mean())
+
     def risk(k: float) -> float:
-        return float(ls_rates(g, fault, alert=alert, k_vertical=k)[column].mean())
+        return mean_rate(k, event)
 
     if dof.size == 0 or risk(SMALLEST_FACTOR) <= target:
         k = 0.0
     elif event == EXCEEDED and not fault.bias_m.any() and kept.sum() == dof.size == 1:
-        k = float(student_factor(dof, target)[0])
+        law = exact_law(method)
+        assert law is not None
+        # Student's quantile is the multiplier of m VDOP, of which the field may be a multiple.
+        k = float(student_factor(dof, target)[0]) / (law.k_vertical / k_of(method))
     else:
         k = _root_of(risk, target)
     at_k = risk(k) if k > 0 else risk(SMALLEST_FACTOR)
     found = Found(k, k, k, at_k, at_k, at_k, EXACT, 0)
-    before, after = (
-        float(ls_rates(g, fault, alert=alert, k_vertical=max(value, SMALLEST_FACTOR))["alarm_rate"].mean())
-        for value in (method.k_vertical, k)
-    )
+    before, after = (mean_rate(max(value, SMALLEST_FACTOR), "alarm") for value in (k_of(method), k))
     return found, alarm_columns((before, before, before), (after, after, after))
 
 

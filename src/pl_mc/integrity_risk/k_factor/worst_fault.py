@@ -11,10 +11,10 @@ from pl_mc.faults import Faults
 from pl_mc.geometry.record import Geometry
 from pl_mc.integrity_risk.k_factor.error_to_level_ratio import RatioState, ratio_state
 from pl_mc.integrity_risk.k_factor.exceedance_curve import climb_ratios, mean_curve
-from pl_mc.integrity_risk.k_factor.record import SMALLEST_FACTOR, exact_k_factor, require_multiple
+from pl_mc.integrity_risk.k_factor.record import SMALLEST_FACTOR, exact_k_factor, exact_rates
 from pl_mc.integrity_risk.rare.limit_state import all_axes
-from pl_mc.methods import Ls, Method
-from pl_mc.statistics.exact import ls_rates
+from pl_mc.methods import Method
+from pl_mc.methods.capabilities import exact_law, require_k
 
 # Draws, the same for every fault, and the quantile of their ratios that orders the faults first.
 _DRAWS, _QUANTILE = 4096, 0.995
@@ -29,8 +29,8 @@ def neediest_fault(
 ) -> int:
     """The fault of those given that needs the largest multiplier.
 
-    Exact for least squares. For other methods it is the one whose curve, with random numbers of its own, says so;
-    what that multiplier is has to be asked afresh, so that the choice of the largest does not bias it.
+    Exact for a method with an exact law. For others it is the one whose curve, with random numbers of its own, says
+    so; what that multiplier is has to be asked afresh, so that the choice of the largest does not bias it.
 
     Args:
         g: one epoch with redundancy.
@@ -41,9 +41,9 @@ def neediest_fault(
         target: probability of the event.
         seed: of the random numbers.
     """
-    require_multiple(method)
-    if isinstance(method, Ls):
-        return _neediest_of_ls(g, faults, method, event, alert, target)
+    require_k(method)
+    if exact_law(method) is not None:
+        return _neediest_exactly(g, faults, method, event, alert, target)
     states = [ratio_state(g, _one(faults, k), method, event, alert) for k in range(len(faults))]
     rng = np.random.default_rng((seed, len(faults)))
     seen = states[0].in_view
@@ -63,11 +63,13 @@ def _k_factor(state: RatioState, target: float, size: int, populations: int, rng
     return float(np.nan_to_num(mean_curve(ladders, target).k_factor(target, 0.5)[0]))
 
 
-def _neediest_of_ls(g: Geometry, faults: Faults, method: Ls, event: str, alert: AlertLimits, target: float) -> int:
+def _neediest_exactly(
+    g: Geometry, faults: Faults, method: Method, event: str, alert: AlertLimits, target: float
+) -> int:
     """The fault with the largest risk at a multiplier that keeps the target under every other one."""
     k, best = SMALLEST_FACTOR, 0
     while True:
-        rates = ls_rates(g, faults, alert=alert, k_vertical=max(k, SMALLEST_FACTOR))[f"{event}_rate"].to_numpy()
+        rates = exact_rates(g, faults, method, alert, max(k, SMALLEST_FACTOR))[f"{event}_rate"].to_numpy()
         worst = int(rates.argmax())
         if rates[worst] <= target * (1.0 + 1e-6):
             return best

@@ -23,8 +23,9 @@ from pl_mc.arrays import FloatArray
 from pl_mc.geometry.record import Geometry
 from pl_mc.input_errors import require_choice
 from pl_mc.kernels.linear_model import REDUNDANCY_FLOOR
-from pl_mc.methods import Ls
-from pl_mc.statistics.exact import CHI2_ALARM, PL_ALARM
+from pl_mc.methods import Method
+from pl_mc.methods.capabilities import exact_law, refusal
+from pl_mc.statistics.exact import CHI2_ALARM, PL_ALARM, LeastSquaresLaw
 from pl_mc.statistics.least_squares import ls_quantities
 from pl_mc.statistics.noncentral import joint_exceedance, split_at_threshold
 from pl_mc.statistics.student import chi2_threshold
@@ -92,12 +93,12 @@ class Direction:
     bias_m: FloatArray
 
 
-def ls_epoch(g: Geometry, method: Ls, *, alarm: str, p_fa: float, alert: AlertLimits) -> LsEpoch:
+def ls_epoch(g: Geometry, law: LeastSquaresLaw, *, alarm: str, p_fa: float, alert: AlertLimits) -> LsEpoch:
     """The quantities of a single epoch.
 
     Args:
         g: one epoch.
-        method: least squares with its multiplier.
+        law: with its multiplier.
         alarm: ``pl``, alarm when VPL > VAL; ``chi2``, alarm when V'PV exceeds its fault-free quantile at ``p_fa``.
         p_fa: fault-free alarm probability of ``chi2``.
         alert: alert limits; the vertical one is used.
@@ -107,7 +108,7 @@ def ls_epoch(g: Geometry, method: Ls, *, alarm: str, p_fa: float, alert: AlertLi
     available, dof, vdop_m = bool(quantities.available), int(quantities.dof), float(quantities.vdop_m)
     threshold = np.nan
     if available and alarm == PL_ALARM:
-        threshold = dof * (alert.vertical_m / (method.k_vertical * vdop_m)) ** 2
+        threshold = dof * (alert.vertical_m / (law.k_vertical * vdop_m)) ** 2
     elif available:
         threshold = float(chi2_threshold(dof, p_fa))
     elif alarm == CHI2_ALARM:
@@ -120,7 +121,7 @@ def ls_epoch(g: Geometry, method: Ls, *, alarm: str, p_fa: float, alert: AlertLi
         basis=quantities.basis,
         dof=dof,
         threshold=threshold,
-        level_slope=method.k_vertical / np.sqrt(max(dof, 1)),
+        level_slope=law.k_vertical / np.sqrt(max(dof, 1)),
         limit=alert.vertical_m / vdop_m,
     )
 
@@ -281,3 +282,16 @@ def _refine(
 def require_event(event: str) -> str:
     """``event`` if its worst case can be asked for."""
     return require_choice(event, EVENTS, field="event")
+
+
+def law_with(alarm: str, method: Method, *, estimated: bool) -> LeastSquaresLaw | None:
+    """The exact law of a method; None where it has none, or estimates take its place.
+
+    Raises:
+        InputError: another alarm than that of the level, which only an exact law can have.
+    """
+    law = None if estimated else exact_law(method)
+    if law is None and alarm != PL_ALARM:
+        field = f"alarm: {alarm!r} is for exact laws, {PL_ALARM!r} for estimates too"
+        raise refusal(method, "exact_law", able=exact_law, field=field)
+    return law

@@ -29,6 +29,7 @@ from pl_mc.integrity_risk.worst.ls_exact import (
     LsEpoch,
     alarm_probability,
     event_probability,
+    law_with,
     ls_epoch,
     peaks,
     require_event,
@@ -48,7 +49,8 @@ from pl_mc.integrity_risk.worst.search import (
     rare_event_estimator,
 )
 from pl_mc.integrity_risk.worst.single import single_table
-from pl_mc.methods import Ls, Method, as_methods
+from pl_mc.methods import Method, as_methods
+from pl_mc.statistics.exact import LeastSquaresLaw
 
 _NEGLIGIBLE = 1e-9
 
@@ -70,8 +72,9 @@ def worst_case(
 ) -> pd.DataFrame:
     """The fault of each satellite (or pair) that makes a missed or misleading event likeliest, the worst first.
 
-    For least squares all numbers are exact. The noise has the sigma of the geometry. A fault and its negative are
-    equally bad; the one with a positive bias on the first satellite is given.
+    For a method with an exact law, such as least squares, all numbers are exact. The noise has the sigma of the
+    geometry. A fault and its negative are equally bad; the one with a positive bias on the first satellite is
+    given.
 
     For other methods the noise is Gaussian too. One satellite at a time: populations of subset simulation at 18
     sizes from 1 to 150 m on every satellite find the event, and importance sampling from what all of them found
@@ -92,7 +95,7 @@ def worst_case(
         method: name or record of a method; the multiplier of the protection level is the record's.
         satellites: how many fail together, 1 or 2, or which: names and tuples of names, such as
             ``["G03", ("G05", "E08")]``.
-        alarm: ``pl``, alarm when VPL > VAL; ``chi2`` (least squares alone), alarm when V'PV exceeds its fault-free
+        alarm: ``pl``, alarm when VPL > VAL; ``chi2`` (exact laws alone), alarm when V'PV exceeds its fault-free
             quantile at ``p_fa``, with VAL as the limit of the error.
         event: ``missed``, |vertical error| > VAL and no alarm, or ``misleading``, |vertical error| > VPL and no
             alarm.
@@ -124,14 +127,12 @@ def worst_case(
         ``table.attrs["evaluations"]`` is the number of scenarios at each stage, summed over the epochs.
 
     Raises:
-        InputError: unknown names, options outside their range, ``chi2`` for a method other than least squares.
+        InputError: unknown names, options outside their range, ``chi2`` for a method without an exact law.
     """
     require_geometry_and_alert(g, alert)
     require_event(event)
     (chosen,) = as_methods([method])
-    exact = isinstance(chosen, Ls) and estimator is None
-    if not exact and alarm != "pl":
-        raise InputError(f"alarm: {alarm!r} is for exact least squares alone; use 'pl' with {chosen.name}.")
+    law = law_with(alarm, chosen, estimated=estimator is not None)
     require_whole(refine, field="refine", low=1)
     seed = require_whole(seed, field="seed", low=0, high=LARGEST_SEED)
     require_positive(target_cov, field="target_cov")
@@ -139,9 +140,8 @@ def worst_case(
     spent: dict[str, int] = {}
     for one in g.as_series():
         groups = satellite_groups(one, satellites, g.names)
-        record = chosen if isinstance(chosen, Ls) else Ls()
-        epoch = ls_epoch(one, record, alarm=alarm, p_fa=p_fa, alert=alert)
-        if exact:
+        epoch = ls_epoch(one, law or LeastSquaresLaw(), alarm=alarm, p_fa=p_fa, alert=alert)
+        if law:
             table = _exact_table(one, epoch, event, groups)
         else:
             estimate: Estimator = no_events
