@@ -13,12 +13,11 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 import pl_mc
-from pl_mc.engine import identity
+from pl_mc.engine import part_task as identity
 from pl_mc.engine.checkpoint_store import BadPart, CheckpointStore, is_whole, read_rows
 from pl_mc.engine.noise import LANES
-from pl_mc.engine.table import fault_table
+from pl_mc.engine.table import FaultTotals, fault_table
 from pl_mc.engine.task import SweepTask
-from pl_mc.engine.totals import FaultTotals
 from pl_mc.input_errors import InputError
 from reference import small_sweep as small
 from reference.small_sweep import COUNTS, assert_same, cut

@@ -19,12 +19,9 @@ from pl_mc.statistics.intervals import clopper_pearson, shared_noise_bounds
 
 @dataclass(frozen=True)
 class Difference:
-    """How far a computation is from the NumPy form on the same observations.
+    """How far a computation (``what``) is from the NumPy form on the same observations.
 
     Attributes:
-        what: the computation.
-        precision: its precision.
-        method: the method.
         quantity: ``VPL`` or ``vertical error``.
         scenarios: observations compared, those with a solution in both.
         median_m, largest_m: of the absolute differences [m].
@@ -58,7 +55,6 @@ class EventRate:
     """The rate of an event over the whole ramp in one precision, with 95 % bounds.
 
     Attributes:
-        method, event, precision: whose.
         count: events seen; draws: draws of all faults; independent_draws: draws of noise behind them.
         rate, low, high: as `pl_mc.statistics.intervals.shared_noise_bounds` gives them.
     """
@@ -78,19 +74,13 @@ def solved(g: Geometry, errors_m: NDArray[np.float64], precision: str) -> dict[s
     """`pl_mc.solve` of errors (s, n) [m], as many epochs of one geometry, method by method."""
     many = len(errors_m)
     series = Geometry.from_rows(
-        design=np.repeat(g.design[None], many, axis=0),
-        sigma_m=np.repeat(g.sigma_m[None], many, axis=0),
-        in_view=np.ones(errors_m.shape, dtype=bool),
-        names=g.names,
-        systems=g.systems,
-        clocks=g.clocks,
-    )
+        design=np.repeat(g.design[None], many, axis=0), sigma_m=np.repeat(g.sigma_m[None], many, axis=0),
+        in_view=np.ones(errors_m.shape, dtype=bool), names=g.names, systems=g.systems, clocks=g.clocks,
+    )  # fmt: skip
     table = pl_mc.solve(series, errors_m, precision=precision)
     return {
         str(name): NumpyOutcome(
-            vertical_error_m=rows.up_m.to_numpy(float),
-            vpl_m=rows.vpl_m.to_numpy(float),
-            available=rows.available.to_numpy(bool),
+            rows.up_m.to_numpy(float), rows.vpl_m.to_numpy(float), rows.available.to_numpy(bool)
         )
         for name, rows in table.groupby("method", sort=False)
     }
@@ -104,13 +94,10 @@ def differences(
     for method, outcome in found.items():
         other = reference[method]
         both = outcome.available & other.available
-        for quantity, ours, theirs in (
-            ("VPL", outcome.vpl_m, other.vpl_m),
-            ("vertical error", outcome.vertical_error_m, other.vertical_error_m),
-        ):
-            by_m = np.abs(ours[both] - theirs[both])
+        alone = int((outcome.available != other.available).sum())
+        for quantity, field in (("VPL", "vpl_m"), ("vertical error", "vertical_error_m")):
+            by_m = np.abs(getattr(outcome, field)[both] - getattr(other, field)[both])
             size = by_m if by_m.size else np.zeros(1)
-            alone = int((outcome.available != other.available).sum())
             median, largest = float(np.median(size)), float(size.max())
             rows.append(Difference(what, precision, method, quantity, int(by_m.size), median, largest, alone))
     return rows

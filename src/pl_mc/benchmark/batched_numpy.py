@@ -62,11 +62,8 @@ class NumpyModel:
         state = whitened @ self.gain.T
         residuals = whitened - state @ self.design.T
         unit_error = np.sqrt(np.einsum("sn,sn->s", residuals, residuals) / self.dof)
-        return NumpyOutcome(
-            vertical_error_m=state[:, UP],
-            vpl_m=K_VERTICAL * np.sqrt(self.cofactor[UP, UP]) * unit_error,
-            available=np.ones(len(whitened), dtype=bool),
-        )
+        vpl_m = K_VERTICAL * np.sqrt(self.cofactor[UP, UP]) * unit_error
+        return NumpyOutcome(state[:, UP], vpl_m, available=np.ones(len(whitened), dtype=bool))
 
     def igg3(self, whitened: Numbers, options: Igg3) -> NumpyOutcome:
         """Eqs 6, 7, 17 and 19, with the cofactor, scale and redundancy that are the defaults of ``options``."""
@@ -88,11 +85,8 @@ class NumpyModel:
             square_sum = np.einsum("sn,sn->s", weights * residuals, residuals)
         unit = np.broadcast_to(np.eye(t)[UP][:, None], (len(whitened), t, 1))
         cofactor = np.linalg.solve(normal, unit)[:, UP, 0]
-        return NumpyOutcome(
-            vertical_error_m=state[:, UP],
-            vpl_m=options.k_vertical * np.sqrt(square_sum / self.dof * cofactor),
-            available=available,
-        )
+        vpl_m = options.k_vertical * np.sqrt(square_sum / self.dof * cofactor)
+        return NumpyOutcome(state[:, UP], vpl_m, available)
 
     def _mark_undetermined(self, weights: Numbers, normal: Numbers, available: Flags) -> None:
         """Where a solution is not determined, clear ``available`` and put a regular matrix into ``normal``.
@@ -134,12 +128,9 @@ def both_methods(g: Geometry, errors_m: Numbers, *, batch: int = BATCH) -> dict[
         whitened = errors_m[first : first + batch] * model.weight_root
         found["ls"].append(model.least_squares(whitened))
         found[options.name].append(model.igg3(whitened, options))
+    fields = ("vertical_error_m", "vpl_m", "available")
     return {
-        name: NumpyOutcome(
-            vertical_error_m=np.concatenate([part.vertical_error_m for part in parts]),
-            vpl_m=np.concatenate([part.vpl_m for part in parts]),
-            available=np.concatenate([part.available for part in parts]),
-        )
+        name: NumpyOutcome(*(np.concatenate([getattr(part, field) for part in parts]) for field in fields))
         for name, parts in found.items()
     }
 
@@ -159,14 +150,10 @@ def events_of(outcome: NumpyOutcome, vertical_m: float) -> Flags:
 def count_events(
     g: Geometry, bias_m: Numbers, noise: Numbers, vertical_m: float, *, batch: int = BATCH
 ) -> NDArray[np.int64]:
-    """(f, methods, events), how often each event happens, by ``ls`` and by ``igg3``.
+    """(f, methods, events), how often each event happens, by ``ls`` and by ``igg3``, ``batch`` draws at a time.
 
-    Args:
-        g: one epoch, all satellites in view.
-        bias_m: (f, n), biases [m].
-        noise: (draws, n), noise in units of each satellite's sigma, the same for every bias.
-        vertical_m: vertical alert limit [m].
-        batch: draws taken at a time.
+    ``g``: one epoch, all satellites in view; ``bias_m``: (f, n) [m]; ``noise``: (draws, n), in units of each
+    satellite's sigma, the same for every bias; ``vertical_m``: vertical alert limit [m].
     """
     model, options = NumpyModel(g), Igg3()
     total = np.zeros((len(bias_m), 2, len(EVENTS)), dtype=np.int64)

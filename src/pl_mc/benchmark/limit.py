@@ -40,12 +40,9 @@ class Limit:
     """A program that is ready to run.
 
     Attributes:
-        program: the executable.
-        precision: what it computes in, as its output shows.
-        threads: threads that it is given.
-        scenarios: scenarios of its input.
+        program: the executable; ``folder``: where its input and output lie.
+        precision: what it computes in, as its output shows; ``threads``: what it is given.
         vpl_m: (scenarios,), the protection levels that it found [m].
-        folder: where its input and output lie.
     """
 
     program: Path

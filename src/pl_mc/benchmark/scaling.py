@@ -15,7 +15,7 @@ import numpy as np
 import pandas as pd
 from matplotlib.figure import Figure
 
-from pl_mc.benchmark import machine
+from pl_mc.benchmark.measure import load_average, processor_name
 from pl_mc.benchmark.problem import reference_faults, reference_geometry
 from pl_mc.benchmark.report import write_texts
 from pl_mc.engine.checks import LARGEST_DRAWS
@@ -48,12 +48,9 @@ def scenario_counts(text: str) -> tuple[int, ...]:
 
 
 def scaling(
-    scenarios: Sequence[int],
-    *,
-    precision: str = "float64",
-    workers: int | None = None,
+    scenarios: Sequence[int], *, precision: str = "float64", workers: int | None = None,
     progress: bool | None = None,
-) -> pd.DataFrame:
+) -> pd.DataFrame:  # fmt: skip
     """Measure each number of scenarios of the reference problem; one is a noise draw under one of its 20 biases.
 
     Args:
@@ -71,9 +68,7 @@ def scaling(
     if not scenarios:
         raise InputError("scaling: at least one number of scenarios is needed.")
     faults = len(reference_faults(reference_geometry()))
-    numbers = [
-        require_whole(number, field="scaling", low=1, high=LARGEST_DRAWS * faults) for number in scenarios
-    ]  # fmt: skip
+    numbers = [require_whole(number, field="scaling", low=1, high=LARGEST_DRAWS * faults) for number in scenarios]
     require_choice(precision, PRECISIONS, field="precision")
     threads = cores() if workers is None else require_whole(workers, field="workers", low=1)
     rows = [
@@ -92,34 +87,24 @@ def _point(draws: int, precision: str, threads: int) -> dict[str, Any]:
         reason = (done.stderr.strip().splitlines() or ["no reason given"])[-1]
         raise InputError(f"scaling: the process with {draws} draws ended with code {done.returncode} ({reason}).")
     found = json.loads(done.stdout.splitlines()[-1])
+    scenarios, sweep_s = found["scenarios"], found["sweep_s"]
     return {
-        "scenarios": found["scenarios"],
-        "precision": precision,
-        "threads": threads,
-        "process_s": seconds,
-        "sweep_s": found["sweep_s"],
-        "scenarios_per_s": found["scenarios"] / found["sweep_s"],
-        "peak_memory_mb": found["peak_bytes"] / 1e6,
-    }
+        "scenarios": scenarios, "precision": precision, "threads": threads, "process_s": seconds,
+        "sweep_s": sweep_s, "scenarios_per_s": scenarios / sweep_s, "peak_memory_mb": found["peak_bytes"] / 1e6,
+    }  # fmt: skip
 
 
 def run_scaling(
-    scenarios: Sequence[int],
-    *,
-    precision: str = "float64",
-    workers: int | None = None,
-    out: Path | str | None = None,
-    progress: bool | None = None,
-) -> tuple[pd.DataFrame, str]:
+    scenarios: Sequence[int], *, precision: str = "float64", workers: int | None = None,
+    out: Path | str | None = None, progress: bool | None = None,
+) -> tuple[pd.DataFrame, str]:  # fmt: skip
     """`scaling` with a text; into ``out`` go scaling.csv, scaling.md, scaling.png and scaling.svg."""
     table = scaling(scenarios, precision=precision, workers=workers, progress=progress)
     text = scaling_text(table)
     if out is not None:
-        folder = Path(out)
-        write_texts(
-            {"scaling.csv": table.to_csv(index=False, lineterminator="\n"), "scaling.md": text + "\n"}, folder
-        )
-        save_figure(scaling_figure(table), folder, "scaling")
+        csv = table.to_csv(index=False, lineterminator="\n")
+        write_texts({"scaling.csv": csv, "scaling.md": text + "\n"}, Path(out))
+        save_figure(scaling_figure(table), Path(out), "scaling")
     return table, text
 
 
@@ -132,14 +117,12 @@ def scaling_text(table: pd.DataFrame) -> str:
         )
         for row in table.itertuples()
     ]  # fmt: skip
-    head = (
-        "scenarios", "precision", "threads", "process [s]", "sweep [s]", "rate [M/s]", "peak memory [MB]",
-    )  # fmt: skip
-    averages = machine.load_average()
+    head = ("scenarios", "precision", "threads", "process [s]", "sweep [s]", "rate [M/s]", "peak memory [MB]")
+    averages = load_average()
     load = "" if averages is None else f", load average {averages[0]} at the end"
     return (
         "# Time and memory against the number of scenarios\n\n"
-        f"{machine.processor_name()}, cores: {cores()}{load}"
+        f"{processor_name()}, cores: {cores()}{load}"
         ". Each row is a process of its own; its time includes imports and compilation.\n\n"
         + markdown_table(head, rows)
     )
@@ -149,9 +132,8 @@ def scaling_text(table: pd.DataFrame) -> str:
 def scaling_figure(table: pd.DataFrame) -> Figure:
     """Time and peak memory against scenarios, both on logarithmic scales."""
     figure, (left, right) = new_figure(1, 2, width_in=9.0, height_in=3.8, sharex=True)
-    figure.suptitle(
-        "Cost of a sweep against its size, each point a process of its own", x=0.01, ha="left", fontsize=11
-    )
+    title = "Cost of a sweep against its size, each point a process of its own"
+    figure.suptitle(title, x=0.01, ha="left", fontsize=11)
     ordered = table.sort_values("scenarios")
     time_style, memory_style = series_style(0), series_style(1)
     left.plot(

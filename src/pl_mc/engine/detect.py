@@ -15,6 +15,7 @@ from numpy.typing import NDArray
 from pl_mc.alert import LPV_200
 from pl_mc.detectors.base import Detector
 from pl_mc.engine.checks import notes_on_faults, require_errors, require_geometry_and_alert, require_inputs
+from pl_mc.engine.detect_core import MethodTest
 from pl_mc.engine.detect_runs import (
     LEVELS,
     MOST_DRAWS,
@@ -25,7 +26,6 @@ from pl_mc.engine.detect_runs import (
     power_counts,
     verdicts_on,
 )
-from pl_mc.engine.method_test import MethodTest
 from pl_mc.engine.plan import fault_slots
 from pl_mc.faults import Faults
 from pl_mc.geometry.record import Geometry
@@ -93,11 +93,8 @@ def detect(
 
     calibration = calibrate(series, options, draws=calibration_draws, defined=defined)
     counts = power_counts(series, bias_m, given, calibration.thresholds, options, draws=draws)
-    place, slot, test, level = np.nonzero(
-        np.broadcast_to(
-            given[:, :, None, None] & defined[:, None, :, None], (*given.shape, len(options.tests), len(LEVELS))
-        )
-    )
+    rows = np.ones((*given.shape, len(options.tests), len(LEVELS)), bool)
+    place, slot, test, level = np.nonzero(rows & given[:, :, None, None] & defined[:, None, :, None])
     fault = order[place, slot]
     columns: dict[str, object] = {"epoch": series.epoch[place]} if g.is_series else {}
     seen, right = counts[place, slot, test, level].T

@@ -24,8 +24,7 @@ from pl_mc.detectors.base import SYSTEM_LETTERS, Detector, Verdict, View
 from pl_mc.engine.calls import Chunk, Cut, run_calls
 from pl_mc.engine.checks import LARGEST_SEED
 from pl_mc.engine.core import EpochBatch
-from pl_mc.engine.detect_core import TestBatch, count_detections, examine_errors, fault_free_statistics
-from pl_mc.engine.method_test import as_tests
+from pl_mc.engine.detect_core import TestBatch, as_tests, count_detections, examine_errors, fault_free_statistics
 from pl_mc.engine.noise import LANES
 from pl_mc.geometry.record import Geometry
 from pl_mc.input_errors import InputError, require_fraction, require_whole
@@ -79,23 +78,15 @@ class Calibration:
 
 
 def checked_options(
-    tests: Sequence[str | Detector | Method],
-    p_fa: float,
-    seed: int,
-    precision: str = "float64",
-    workers: int | None = None,
-    progress: bool | None = False,
-) -> Options:
+    tests: Sequence[str | Detector | Method], p_fa: float, seed: int, precision: str = "float64",
+    workers: int | None = None, progress: bool | None = False,
+) -> Options:  # fmt: skip
     """The options after a check of each; an `InputError` names the one that cannot be used."""
     dtype_of(precision)
-    return Options(
-        tests=as_tests(tests),
-        p_fa=require_fraction(p_fa, field="p_fa"),
-        seed=require_whole(seed, field="seed", low=0, high=LARGEST_SEED),
-        precision=precision,
-        workers=cores() if workers is None else require_whole(workers, field="workers", low=1),
-        progress=progress,
-    )
+    made, p_fa = as_tests(tests), require_fraction(p_fa, field="p_fa")
+    seed = require_whole(seed, field="seed", low=0, high=LARGEST_SEED)
+    threads = cores() if workers is None else require_whole(workers, field="workers", low=1)
+    return Options(made, p_fa, seed, precision, threads, progress)
 
 
 def defined_at(g: Geometry, tests: tuple[Detector, ...]) -> tuple[NDArray[np.bool_], tuple[str, ...]]:
@@ -109,14 +100,11 @@ def defined_at(g: Geometry, tests: tuple[Detector, ...]) -> tuple[NDArray[np.boo
     views = _views(series)
     notes = []
     for k, test in enumerate(tests):
-        reasons: Counter[str] = Counter()
-        for place, view in enumerate(views):
-            reason = test.reason_against(view)
-            if reason is not None:
-                defined[place, k] = False
-                reasons[reason] += 1
-        others = [other.name for other in tests if other is not test and _some(other, views)]
+        against = [test.reason_against(view) for view in views]
+        defined[:, k] = [reason is None for reason in against]
+        reasons = Counter(reason for reason in against if reason is not None)
         if not defined[:, k].any():
+            others = [other.name for other in tests if other is not test and _some(other, views)]
             first = reasons.most_common(1)[0][0]
             where = "defined at no epoch of the series" if g.is_series else "not defined at this epoch"
             hint = f"; without it there is {' and '.join(others)}" if others else ""
@@ -156,9 +144,8 @@ def calibrate(
         )  # fmt: skip
 
     parts = []
-    for _, group in groupby(
-        _results(cut, statistics, options, "Thresholds"), key=lambda result: result[0].first_epoch
-    ):
+    found = _results(cut, statistics, options, "Thresholds")
+    for _, group in groupby(found, key=lambda result: result[0].first_epoch):
         results = [values for _, values in group]
         values = np.concatenate([free for free, _ in results], axis=-1)[..., :draws]
         calibrated = np.partition(values, draws - rank, axis=-1)[..., draws - rank]
@@ -174,15 +161,9 @@ def calibrate(
 
 
 def power_counts(
-    series: Geometry,
-    bias_m: FloatArray,
-    applies: NDArray[np.bool_],
-    thresholds: FloatArray,
-    options: Options,
-    *,
-    draws: int,
-    first_block: int = 0,
-) -> NDArray[np.int64]:
+    series: Geometry, bias_m: FloatArray, applies: NDArray[np.bool_], thresholds: FloatArray, options: Options, *,
+    draws: int, first_block: int = 0,
+) -> NDArray[np.int64]:  # fmt: skip
     """(e, f, tests, levels, 2), detections, and those of them whose suspect is faulted.
 
     Args:
@@ -224,12 +205,9 @@ def system_places(series: Geometry) -> NDArray[np.int32]:
 
 
 def _batch(
-    series: Geometry,
-    places: NDArray[np.int64],
-    options: Options,
-    bias_m: FloatArray | None = None,
+    series: Geometry, places: NDArray[np.int64], options: Options, bias_m: FloatArray | None = None,
     applies: NDArray[np.bool_] | None = None,
-) -> TestBatch:
+) -> TestBatch:  # fmt: skip
     """The arrays of one call, made in the precision scope in which it runs."""
     dtype = dtype_of(options.precision)
     shape = (len(places), 1, series.sigma_m.shape[1])
@@ -250,13 +228,11 @@ def _cut(epochs: int, draws: int, *, most: int, noise_from: int) -> Cut:
     """Calls of at most so many blocks of noise, over all their epochs, with equally many epochs in each."""
     blocks = math.ceil(draws / LANES)
     epochs_at_most = max(1, most // blocks)
+    each = math.ceil(epochs / math.ceil(epochs / epochs_at_most))
     return Cut(
-        epoch_count=epochs,
-        draws=draws,
-        epochs_per_call=math.ceil(epochs / math.ceil(epochs / epochs_at_most)),
-        blocks_per_call=min(blocks, max(1, most)),
+        epoch_count=epochs, draws=draws, epochs_per_call=each, blocks_per_call=min(blocks, max(1, most)),
         noise_from=noise_from,
-    )
+    )  # fmt: skip
 
 
 def _results(cut: Cut, function: Callable[..., Any], options: Options, what: str) -> Iterator[tuple[Chunk, Any]]:

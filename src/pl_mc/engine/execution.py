@@ -78,12 +78,9 @@ def run_task(
     damaged: list[str] = []
     if execution.folder is not None:
         store = CheckpointStore(
-            execution.folder,
-            task,
-            numbers=None if execution.shard is None else numbers,
-            resume=execution.resume or execution.stored_only,
-            any_machine=execution.stored_only,
-        )
+            execution.folder, task, numbers=None if execution.shard is None else numbers,
+            resume=execution.resume or execution.stored_only, any_machine=execution.stored_only,
+        )  # fmt: skip
         there = set(store.stored())
         if not execution.stored_only:
             store.begin()

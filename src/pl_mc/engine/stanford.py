@@ -181,27 +181,16 @@ def stanford_counts(
     threads = cores() if workers is None else workers
     for _, counts in run_calls(plan, count, precision=precision, threads=threads, what="Cells", show=progress):
         total += counts
-    return StanfordCounts(
-        counts=total.reshape(len(chosen), len(REGIONS), side, side),
-        methods=tuple(method.name for method in chosen),
-        grid=grid,
-        scenarios=int((plan.fault_index >= 0).sum()) * draws,
-        independent_draws=len(plan.epochs) * draws,
-    )
+    counted = total.reshape(len(chosen), len(REGIONS), side, side)
+    names, scenarios = tuple(method.name for method in chosen), int((plan.fault_index >= 0).sum()) * draws
+    return StanfordCounts(counted, names, grid, scenarios, independent_draws=len(plan.epochs) * draws)
 
 
 @functools.partial(jax.jit, static_argnames=("methods", "blocks"))
 def _block_cells(
-    batch: EpochBatch,
-    seed: Array,
-    first_block: Array,
-    vertical_m: Array,
-    cell_m: Array,
-    cells: Array,
-    *,
-    methods: tuple[Method, ...],
-    blocks: int,
-) -> Array:
+    batch: EpochBatch, seed: Array, first_block: Array, vertical_m: Array, cell_m: Array, cells: Array, *,
+    methods: tuple[Method, ...], blocks: int,
+) -> Array:  # fmt: skip
     """(epochs, blocks, faults, lanes, methods), region and cell of each scenario as one whole number."""
 
     def one_epoch(one: EpochBatch) -> Array:

@@ -89,14 +89,9 @@ def watch_weights(
 
 @functools.partial(jax.jit, static_argnames=("options",))
 def _count_block(
-    batch: EpochBatch,
-    seed: Array,
-    block: Array,
-    full_blocks: Array,
-    remainder: Array,
-    *,
+    batch: EpochBatch, seed: Array, block: Array, full_blocks: Array, remainder: Array, *,
     options: tuple[IrlsOptions, ...],
-) -> Array:
+) -> Array:  # fmt: skip
     """(e, f, estimates, events), counts of one block of noise (int32)."""
 
     def one_epoch(one: EpochBatch) -> Array:

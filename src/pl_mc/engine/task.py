@@ -22,9 +22,8 @@ from pl_mc.engine import plan as cut
 from pl_mc.engine.calls import Chunk, run_calls
 from pl_mc.engine.compiling import compiled_count
 from pl_mc.engine.events import EVENTS
-from pl_mc.engine.identity import array_fingerprint
 from pl_mc.engine.noise import LANES
-from pl_mc.engine.part_task import Kind
+from pl_mc.engine.part_task import Kind, array_fingerprint
 from pl_mc.engine.plan import Plan, make_plan
 from pl_mc.faults import Faults
 from pl_mc.geometry.record import Geometry
@@ -106,34 +105,19 @@ class SweepTask:
     def count(self, chunk: Chunk, *noise: np.int32, devices: int = 1) -> NDArray[np.int32]:
         """(e, width, methods, events), the counts of one call, as `run_calls` makes it."""
         dtype = dtype_of(self.precision)
-        first, whole, rest = noise
         counts = compiled_count(devices)(
-            self.plan.batch(chunk, dtype),
-            np.uint32(self.seed),
-            first,
-            whole,
-            rest,
-            jnp.asarray(self.alert.vertical_m, dtype),
-            methods=self.methods,
-            blocks=self.plan.blocks_per_call,
-            noise_model=self.noise,
-        )
+            self.plan.batch(chunk, dtype), np.uint32(self.seed), *noise, jnp.asarray(self.alert.vertical_m, dtype),
+            methods=self.methods, blocks=self.plan.blocks_per_call, noise_model=self.noise,
+        )  # fmt: skip
         return np.asarray(counts)[: chunk.size]
 
     def count_parts(
-        self,
-        numbers: Iterable[int],
-        *,
-        threads: int,
-        devices: int = 1,
+        self, numbers: Iterable[int], *, threads: int, devices: int = 1,
         after_call: Callable[[], None] = lambda: None,
-    ) -> Generator[PartCounts]:
+    ) -> Generator[PartCounts]:  # fmt: skip
         """The counts of parts, one after the other; threads go on with the next while the last calls of one run.
 
-        Args:
-            numbers: which parts.
-            threads, devices: what computes.
-            after_call: called when the result of a call is there, for a progress bar.
+        ``after_call`` is called when the result of a call is there, for a progress bar.
         """
         plan, shape, numbers = self.plan, self._shape(devices), list(numbers)
         results = run_calls(

@@ -22,7 +22,7 @@ from pl_mc.noise_models import noise_model
 from pl_mc.studies.registry import KINDS, in_todays_words, study_of
 from pl_mc.studies.spec import Experiment, SimulatedGeometry
 from pl_mc.studies.validation import FieldProblem
-from pl_mc.time_ramps.registry import sequential
+from pl_mc.time_ramps.timing import sequential
 
 _HEADING = re.compile(r"^\s*(\[{1,2})\s*([^\[\]]+?)\s*\]{1,2}\s*(?:#.*)?$")
 _FIELD = re.compile(r"^\s*((?:[\w-]+|\"[^\"]*\")(?:\s*\.\s*(?:[\w-]+|\"[^\"]*\"))*)\s*=")

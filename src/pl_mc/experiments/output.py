@@ -14,8 +14,8 @@ from collections.abc import Iterator, Sequence
 from pathlib import Path
 
 from pl_mc.engine import plan
-from pl_mc.engine.identity import environment
 from pl_mc.engine.noise import LANES
+from pl_mc.engine.part_task import environment
 from pl_mc.input_errors import InputError
 from pl_mc.report.run_folder import MANIFEST
 from pl_mc.studies.spec import Experiment

@@ -18,15 +18,13 @@ from pl_mc.araim.budget import LPV_200, Budget
 from pl_mc.araim.compiled_modes import Priors, compiled_modes
 from pl_mc.araim.levels import protection_levels
 from pl_mc.araim.modes import CONTAINED, UNMONITORED
-from pl_mc.araim.solving import solve_levels
-from pl_mc.araim.subsets import Subsets, Whole, fit_subsets
+from pl_mc.araim.solving import Subsets, Whole, fit_subsets, solve_levels
+from pl_mc.arrays import FloatArray
 from pl_mc.geometry.record import EAST, NORTH, UP
 from pl_mc.input_errors import InputError, require_choice, require_number, require_positive
 from pl_mc.kernels import LeastSquaresSolution, LinearModel
 from pl_mc.kernels.linear_model import COORDINATES, per_lane, product
-from pl_mc.methods.base import Outcome, name_with_options
-
-FloatArray = NDArray[np.float64]
+from pl_mc.methods.base import Named, Outcome
 
 
 @jax.tree_util.register_dataclass
@@ -51,7 +49,7 @@ class Prepared:
 
 
 @dataclass(frozen=True)
-class Araim:
+class Araim(Named):
     """Advanced RAIM with the model's sigma as that of the integrity model.
 
     There is no solution where there are no levels: where the satellites left by a fault more probable than the
@@ -69,6 +67,8 @@ class Araim:
         budget: the operation's risks.
         unmonitored: ``contained`` or ``plain``, as for `pl_mc.araim.protection_levels`.
     """
+
+    key = "araim"
 
     p_sat: float = 1e-5
     p_const: float = 1e-4
@@ -91,10 +91,6 @@ class Araim:
             raise InputError(f"araim: budget: a budget such as pl_mc.araim.LPV_200 is needed, not {self.budget!r}.")
         require_choice(self.unmonitored, UNMONITORED, field="araim: unmonitored")
 
-    @property
-    def name(self) -> str:
-        return name_with_options("araim", self, Araim())
-
     levels_from_geometry = True
 
     def batched_levels(
@@ -108,17 +104,9 @@ class Araim:
             nothing = np.full(len(variance), np.inf)
             return nothing, nothing
         levels = protection_levels(
-            design,
-            variance,
-            self.accuracy_ratio**2 * variance,
-            systems.tolist(),
-            self.b_nom_m,
-            self.p_sat,
-            dict.fromkeys(letters, self.p_const),
-            self.budget,
-            self.unmonitored,
-            in_view=in_view,
-        )
+            design, variance, self.accuracy_ratio**2 * variance, systems.tolist(), self.b_nom_m, self.p_sat,
+            dict.fromkeys(letters, self.p_const), self.budget, self.unmonitored, in_view=in_view,
+        )  # fmt: skip
         # A solution without redundancy counts as none, as for every method.
         sound = levels.available & (in_view.sum(axis=1) > unknowns)
         return np.where(sound, levels.hpl_m, np.inf), np.where(sound, levels.vpl_m, np.inf)

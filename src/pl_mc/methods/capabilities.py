@@ -14,13 +14,13 @@ import numpy as np
 from jax import Array
 from numpy.typing import NDArray
 
+from pl_mc.arrays import FloatArray
 from pl_mc.input_errors import InputError
 from pl_mc.kernels import LeastSquaresSolution, LinearModel
 from pl_mc.methods.base import Method
 from pl_mc.methods.registry import METHODS
 from pl_mc.statistics.exact import LeastSquaresLaw
 
-FloatArray = NDArray[np.float64]
 AnyMethod = TypeVar("AnyMethod", bound=Method)
 
 
@@ -31,7 +31,6 @@ class LevelsFromGeometry(Protocol):
     @property
     def levels_from_geometry(self) -> bool:
         """Whether the levels are those of `prepare`, whatever the errors are; options may decide."""
-        ...
 
 
 @runtime_checkable
@@ -47,7 +46,6 @@ class BatchedLevels(Protocol):
             design: (g, n, t) [m/m]; sigma_m: (g, n) [m]; in_view: (g, n); systems: (g, n), RINEX letters, empty on
                 padding.
         """
-        ...
 
 
 @runtime_checkable
@@ -59,7 +57,6 @@ class Statistic(Protocol):
 
         Infinite where the method has no solution. The arguments are those of `Method.solve`.
         """
-        ...
 
 
 @runtime_checkable
@@ -69,7 +66,6 @@ class ExactLaw(Protocol):
     @property
     def exact_law(self) -> LeastSquaresLaw:
         """The law of its vertical error, level and alarm, under Gaussian errors with the sigma of the geometry."""
-        ...
 
 
 @runtime_checkable
@@ -79,7 +75,6 @@ class ScalesWithK(Protocol):
     @property
     def scales_with_k(self) -> str | None:
         """Name of the dataclass field that is K; None where the level of these options is no multiple of it."""
-        ...
 
 
 _MEANINGS = {

@@ -8,13 +8,10 @@ from typing import Any
 from pl_mc.geometry.record import Geometry
 from pl_mc.input_errors import InputError
 from pl_mc.named import build_named
-from pl_mc.noise_models.base import NoiseModel
+from pl_mc.noise_models.base import Gaussian, NoiseModel
 from pl_mc.noise_models.gauss_markov import GaussMarkov
-from pl_mc.noise_models.gaussian import Gaussian
-from pl_mc.noise_models.gaussian_mixture import GaussianMixture
-from pl_mc.noise_models.multipath import Multipath
-from pl_mc.noise_models.nominal_bias import NominalBias
-from pl_mc.noise_models.student_t import StudentT
+from pl_mc.noise_models.heavy_tails import GaussianMixture, StudentT
+from pl_mc.noise_models.off_centre import Multipath, NominalBias
 
 NOISE_MODELS: dict[str, type] = {
     "gaussian": Gaussian,

@@ -11,6 +11,7 @@ import numpy as np
 from jax import Array
 from numpy.typing import NDArray
 
+from pl_mc.arrays import FloatArray
 from pl_mc.engine.compiling import compiler_options
 from pl_mc.engine.noise import LANES, epoch_key, unit_inputs
 from pl_mc.kernels import LeastSquaresSolution, LinearModel, linear_model
@@ -21,32 +22,15 @@ from pl_mc.noise_models import GAUSSIAN, NoiseModel
 from pl_mc.runtime.precision import dtype_of, precision_scope
 from pl_mc.service.sky import Geometries
 
-FloatArray = NDArray[np.float64]
-
 
 def levels_of_batch(
-    batch: Geometries,
-    numbers: NDArray[np.int64],
-    methods: Sequence[Method],
-    *,
-    draws: int,
-    seed: int,
-    precision: str,
-    noise: NoiseModel = GAUSSIAN,
-) -> list[tuple[FloatArray, FloatArray]]:
+    batch: Geometries, numbers: NDArray[np.int64], methods: Sequence[Method], *, draws: int, seed: int,
+    precision: str, noise: NoiseModel = GAUSSIAN,
+) -> list[tuple[FloatArray, FloatArray]]:  # fmt: skip
     """HPL and VPL (g, draws) of each method [m], infinite where it has no solution.
 
     One column, (g, 1), for methods whose levels depend on the geometry alone. Noise is that of a sweep of the same
-    seed over epochs of these numbers.
-
-    Args:
-        batch: the geometries, of one shape in every call.
-        numbers: (g,), number of each geometry, which chooses its noise.
-        methods: the methods.
-        draws: noise draws for each geometry.
-        seed: chooses the noise.
-        precision: ``float64`` or ``float32``; a method's own function has its own.
-        noise: how errors are distributed.
+    seed over epochs of these numbers (g,). A method's own function has a precision of its own.
     """
     noisy = tuple(method for method in methods if not levels_from_geometry(method))
     batched = {m.name: declared(m, "batched_levels") for m in methods if levels_from_geometry(m)}
@@ -55,17 +39,9 @@ def levels_of_batch(
     if noisy or quiet:
         dtype = dtype_of(precision)
         with precision_scope(precision):
-            levels = _compiled()(
-                jnp.asarray(batch.design, dtype),
-                jnp.asarray(batch.sigma_m, dtype),
-                jnp.asarray(batch.in_view),
-                jnp.asarray(numbers, np.uint32),
-                np.uint32(seed),
-                noisy=noisy,
-                quiet=quiet,
-                draws=draws,
-                noise=noise,
-            )
+            design, sigma = jnp.asarray(batch.design, dtype), jnp.asarray(batch.sigma_m, dtype)
+            arrays = (design, sigma, jnp.asarray(batch.in_view), jnp.asarray(numbers, np.uint32), np.uint32(seed))
+            levels = _compiled()(*arrays, noisy=noisy, quiet=quiet, draws=draws, noise=noise)
             for method, pair in zip((*noisy, *quiet), levels, strict=True):
                 found[method.name] = np.asarray(pair[0], dtype=float), np.asarray(pair[1], dtype=float)
     for name, own in batched.items():
@@ -77,23 +53,14 @@ def levels_of_batch(
 
 @functools.cache
 def _compiled() -> Callable[..., list[tuple[Array, Array]]]:
-    return jax.jit(
-        _levels, static_argnames=("noisy", "quiet", "draws", "noise"), compiler_options=compiler_options()
-    )
+    static = ("noisy", "quiet", "draws", "noise")
+    return jax.jit(_levels, static_argnames=static, compiler_options=compiler_options())
 
 
 def _levels(
-    design: Array,
-    sigma_m: Array,
-    in_view: Array,
-    numbers: Array,
-    seed: Array,
-    *,
-    noisy: tuple[Method, ...],
-    quiet: tuple[Method, ...],
-    draws: int,
-    noise: NoiseModel,
-) -> list[tuple[Array, Array]]:
+    design: Array, sigma_m: Array, in_view: Array, numbers: Array, seed: Array, *, noisy: tuple[Method, ...],
+    quiet: tuple[Method, ...], draws: int, noise: NoiseModel,
+) -> list[tuple[Array, Array]]:  # fmt: skip
     def one(geometry: tuple[Array, Array, Array, Array]) -> list[tuple[Array, Array]]:
         rows, sigma, seen, number = geometry
         # A satellite has one clock.
@@ -115,9 +82,7 @@ def _levels(
 def _pairs(methods: tuple[Method, ...], model: LinearModel, noise: Array) -> list[tuple[Array, Array]]:
     state = product(model.gain, noise)
     residuals = noise - product(model.design, state)
-    start = LeastSquaresSolution(
-        residuals=residuals, state=state, square_sum=jnp.sum(residuals * residuals, axis=0)
-    )
+    start = LeastSquaresSolution(residuals, state, square_sum=jnp.sum(residuals * residuals, axis=0))
     outcomes = [method.solve(model, method.prepare(model), start) for method in methods]
     return [
         (jnp.where(one.available, one.hpl_m, jnp.inf), jnp.where(one.available, one.vpl_m, jnp.inf))

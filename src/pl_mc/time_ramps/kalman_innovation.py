@@ -100,7 +100,39 @@ class KalmanInnovation:
         return name_with_windows(f"kalman({','.join(parts)})" if parts else "kalman", self.windows_s)
 
     def plan(self, rows: Rows, noise: NoiseInTime, ramp_m: FloatArray, onset: int) -> FilterPlan:
-        return filter_plan(self, rows, noise, ramp_m, onset)
+        epochs, satellites, unknowns = rows.design.shape
+        transition, process_root, start_root = motion_model(self, unknowns, rows.interval_s)
+        base = len(start_root)
+        measurement = np.zeros((epochs, satellites, base))
+        measurement[:, :, :unknowns] = rows.design
+        variance_m2 = rows.sigma_m**2
+        process, start = process_root @ process_root.T, np.diag(start_root**2)
+        if self.coloured:
+            correlation, share = noise.correlation(rows.interval_s), noise.share
+            slow = np.einsum("ei,ij->eij", np.sqrt(share) * rows.sigma_m * rows.in_view, np.eye(satellites))
+            measurement = np.concatenate([measurement, slow], axis=2)
+            variance_m2 = (1.0 - share) * variance_m2
+            own = np.eye(satellites)
+            transition = _beside(transition, correlation * own)
+            process, start = _beside(process, (1.0 - correlation**2) * own), _beside(start, own)
+        gain, weight = _gains(measurement, np.where(rows.in_view, variance_m2, 1.0), transition, process, start)
+        weight = weight * rows.in_view[:, :, None] * rows.in_view[:, None, :]
+        innovations, up_m = _ramp_response(measurement, gain, transition, ramp_m)
+        pulled = np.einsum("eij,ej->ei", weight, innovations)
+
+        samples = window_samples("kalman", self.windows_s, rows.interval_s, onset)
+        made = []
+        for w in samples:
+            summed = window_sums(weight, w, onset)
+            seen = np.einsum("eii->ei", summed) > 1e-12
+            basis = np.einsum("ei,ij->eij", seen.astype(float), np.eye(satellites))
+            made.append(whitened(summed, basis, window_sums(pulled, w, onset), self.p_fa))
+        return FilterPlan(
+            measurement=jnp.asarray(measurement), gain=jnp.asarray(gain), weight=jnp.asarray(weight),
+            transition=jnp.asarray(transition), process_root=jnp.asarray(process_root),
+            start_root=jnp.asarray(start_root), up_m=jnp.asarray(up_m), tests=window_tests(made, samples),
+            base=base, own_position=self.guards == FILTER_POSITION,
+        )  # fmt: skip
 
 
 @jax.tree_util.register_dataclass
@@ -158,59 +190,6 @@ class FilterPlan:
         believed = predicted + product(gain, innovation)
         total = total + product(weight, innovation)
         return (true, believed, total), total, believed[UP] - true[UP]
-
-
-def filter_plan(
-    test: KalmanInnovation, rows: Rows, noise: NoiseInTime, ramp_m: FloatArray, onset: int
-) -> FilterPlan:
-    """Gains, innovation covariances and tests of a series.
-
-    Args:
-        test: the options.
-        rows: the series.
-        noise: what correlates the errors.
-        ramp_m: (T, m), the unit ramp [m].
-        onset: first monitored sample.
-    """
-    epochs, satellites, unknowns = rows.design.shape
-    transition, process_root, start_root = motion_model(test, unknowns, rows.interval_s)
-    base = len(start_root)
-    measurement = np.zeros((epochs, satellites, base))
-    measurement[:, :, :unknowns] = rows.design
-    variance_m2 = rows.sigma_m**2
-    process, start = process_root @ process_root.T, np.diag(start_root**2)
-    if test.coloured:
-        correlation, share = noise.correlation(rows.interval_s), noise.share
-        slow = np.einsum("ei,ij->eij", np.sqrt(share) * rows.sigma_m * rows.in_view, np.eye(satellites))
-        measurement = np.concatenate([measurement, slow], axis=2)
-        variance_m2 = (1.0 - share) * variance_m2
-        own = np.eye(satellites)
-        transition = _beside(transition, correlation * own)
-        process, start = _beside(process, (1.0 - correlation**2) * own), _beside(start, own)
-    gain, weight = _gains(measurement, np.where(rows.in_view, variance_m2, 1.0), transition, process, start)
-    weight = weight * rows.in_view[:, :, None] * rows.in_view[:, None, :]
-    innovations, up_m = _ramp_response(measurement, gain, transition, ramp_m)
-    pulled = np.einsum("eij,ej->ei", weight, innovations)
-
-    samples = window_samples("kalman", test.windows_s, rows.interval_s, onset)
-    made = []
-    for w in samples:
-        summed = window_sums(weight, w, onset)
-        seen = np.einsum("eii->ei", summed) > 1e-12
-        basis = np.einsum("ei,ij->eij", seen.astype(float), np.eye(satellites))
-        made.append(whitened(summed, basis, window_sums(pulled, w, onset), test.p_fa))
-    return FilterPlan(
-        measurement=jnp.asarray(measurement),
-        gain=jnp.asarray(gain),
-        weight=jnp.asarray(weight),
-        transition=jnp.asarray(transition),
-        process_root=jnp.asarray(process_root),
-        start_root=jnp.asarray(start_root),
-        up_m=jnp.asarray(up_m),
-        tests=window_tests(made, samples),
-        base=base,
-        own_position=test.guards == FILTER_POSITION,
-    )
 
 
 def motion_model(

@@ -3,6 +3,11 @@
 A first scan makes the errors and runs what is recursive (sums of residuals, filters) without any fault; since all
 of that is linear a ramp only adds its known response. A second scan goes through the monitored samples and asks
 every method at every rate.
+
+To compare methods of single epochs at one false-alarm rate each needs a statistic whose threshold can be moved.
+Here it is a ratio that is 1 at the method's nominal alarm: its test statistic over the threshold
+(`pl_mc.methods.capabilities`), of which exclusions and levels that depend on the geometry alone are no part; else,
+where the level is a multiple of K, VPL / VAL, so that another threshold is another multiplier.
 """
 
 from __future__ import annotations
@@ -20,10 +25,10 @@ from pl_mc.engine.core import EpochBatch, each_fault, prepare_epoch
 from pl_mc.kernels import LeastSquaresSolution, LinearModel
 from pl_mc.kernels.linear_model import product
 from pl_mc.methods import Method
+from pl_mc.methods.capabilities import levels_from_geometry, scales_with_k, statistic
 from pl_mc.noise_models.gauss_markov import step
 from pl_mc.time_ramps.sequential import Sample, SequentialPlan, SequentialTest
 from pl_mc.time_ramps.signals import LANES, NoiseInTime, Rows, pass_key, step_numbers
-from pl_mc.time_ramps.snapshot import alarm_ratio
 from pl_mc.time_ramps.windows import WindowTests, largest_ratio
 
 Test = Method | SequentialTest
@@ -111,10 +116,32 @@ def pass_plan(
         correlation=jnp.asarray(noise.correlation(rows.interval_s)),
         share=jnp.asarray(noise.share),
         vertical_m=jnp.asarray(vertical_m),
-        sequential=tuple(
-            test.plan(rows, noise, ramp_m, onset) for test in tests if isinstance(test, SequentialTest)
-        ),
+        sequential=tuple(t.plan(rows, noise, ramp_m, onset) for t in tests if isinstance(t, SequentialTest)),
     )
+
+
+def has_ratio(method: object) -> bool:
+    """Whether a method has a ratio that errors move."""
+    return statistic(method) is not None or (scales_with_k(method) is not None and not levels_from_geometry(method))
+
+
+def alarm_ratio(
+    method: Method, model: LinearModel, prepared: Any, start: LeastSquaresSolution, vertical_m: Array
+) -> tuple[Array, Array]:
+    """The statistic over its nominal threshold and the up error [m], each (lanes,).
+
+    A test guards the position of least squares, a level the method's own. Where there is no solution the ratio is
+    infinite and so is the error; where a test beside a level rejects the ratio alone, an alarm for any multiplier.
+    """
+    test = statistic(method)
+    if test is not None:
+        ratio, up_m = test(model, prepared, start), start.state[2]
+        available = model.available & jnp.isfinite(ratio)
+    else:
+        outcome = method.solve(model, prepared, start)
+        ratio, up_m, available = outcome.vpl_m / vertical_m, outcome.error_m[2], outcome.available
+        ratio = jnp.where(outcome.rejects, jnp.inf, ratio)
+    return jnp.where(available, ratio, jnp.inf), jnp.where(available, up_m, jnp.inf)
 
 
 def snapshot_methods(tests: tuple[Test, ...]) -> tuple[Method, ...]:
@@ -155,25 +182,13 @@ def fault_free_signals(plan: PassPlan, key: Array) -> Signals:
 
 @functools.partial(jax.jit, static_argnames=("tests", "onset"))
 def watch_block(
-    plan: PassPlan,
-    seed: Array,
-    purpose: Array,
-    block: Array,
-    rates: Array,
-    thresholds: Array,
-    *,
-    tests: tuple[Test, ...],
-    onset: int,
-) -> Watched:
-    """One block of passes with a ramp of every rate.
+    plan: PassPlan, seed: Array, purpose: Array, block: Array, rates: Array, thresholds: Array, *,
+    tests: tuple[Test, ...], onset: int,
+) -> Watched:  # fmt: skip
+    """One block of passes with ramps that begin at the sample ``onset``.
 
-    Args:
-        plan: see `pass_plan`, of the same ``tests`` and ``onset``.
-        seed, purpose, block: choose the errors.
-        rates: (f,) [m/s].
-        thresholds: (methods,), of the ratios.
-        tests: the methods.
-        onset: first monitored sample, at which ramps begin.
+    ``plan`` is that of the same ``tests`` and ``onset``; ``seed``, ``purpose`` and ``block`` choose the errors;
+    ``rates``: (f,) [m/s]; ``thresholds``: (methods,), of the ratios.
     """
     signals = fault_free_signals(plan, pass_key(seed, purpose, block))
     methods = snapshot_methods(tests)
@@ -202,15 +217,11 @@ def watch_block(
             return asked, start.state[2]
 
         asked, ls_up_m = each_fault(model, epoch, noise, ask)
-        sequential = [
-            (
-                largest_ratio(own, sums(total, own, time), rates),
-                up[None] + rates[:, None] * up_ramp if each.own_position else ls_up_m,
-            )
-            for each, own, total, up, up_ramp in zip(
-                plan.sequential, windows, signals.sums, ups, up_ramps, strict=True
-            )
-        ]
+        sequential = []
+        parts = zip(plan.sequential, windows, signals.sums, ups, up_ramps, strict=True)
+        for each, own, total, up, up_ramp in parts:
+            up_m = up[None] + rates[:, None] * up_ramp if each.own_position else ls_up_m
+            sequential.append((largest_ratio(own, sums(total, own, time), rates), up_m))
         single, others = iter(asked), iter(sequential)
         pairs = [next(others if isinstance(test, SequentialTest) else single) for test in tests]
         stacked = jnp.stack([ratio for ratio, _ in pairs]), jnp.stack([up_m for _, up_m in pairs])
@@ -232,14 +243,9 @@ def watch_block(
 def watch_sample(
     before: Watched, time: Array, ratios: Array, errors_m: Array, thresholds: Array, vertical_m: Array
 ) -> Watched:
-    """What became of the passes with one more sample.
+    """What became of the passes with one more sample, ``time`` samples since the onset.
 
-    Args:
-        before: up to the sample before.
-        time: samples since the onset.
-        ratios, errors_m: (methods, rates, lanes), statistic over nominal threshold and vertical error [m].
-        thresholds: (methods,), of the ratios.
-        vertical_m: VAL [m].
+    ``ratios``, ``errors_m``: (methods, rates, lanes), statistic over nominal threshold and vertical error [m].
     """
     size_m = jnp.abs(errors_m)
     # Where there is no solution there is an alarm and no error.

@@ -1,6 +1,6 @@
 """What a sequential test is: sums over windows of vectors that are linear in the errors of a pass.
 
-To add one, write a file beside this one and list its class in `pl_mc.time_ramps.registry`.
+To add one, write a file beside this one and list its class in `pl_mc.time_ramps.timing.SEQUENTIAL`.
 """
 
 from __future__ import annotations
@@ -43,34 +43,27 @@ class SequentialPlan(Protocol):
     @property
     def tests(self) -> WindowTests:
         """Of the sums, at the monitored epochs."""
-        ...
 
     @property
     def up_m(self) -> Array:
         """(T,), vertical error of the test's own position in a unit ramp [m]."""
-        ...
 
     @property
     def own_position(self) -> bool:
         """Whether that position is guarded, and not the one of least squares."""
-        ...
 
     @property
     def motions(self) -> int:
         """How many numbers of the receiver's motion it uses."""
-        ...
 
     def epochs(self) -> Any:
         """What `advance` is given of each epoch, (T, ...)."""
-        ...
 
     def begin(self) -> Any:
         """The state of all lanes before the first epoch."""
-        ...
 
     def advance(self, epoch: Any, state: Any, sample: Sample) -> tuple[Any, Array, Array]:
         """Next state, sum (m, lanes) of the vectors from the first epoch on, own vertical error (lanes,) [m]."""
-        ...
 
 
 @runtime_checkable
@@ -80,7 +73,6 @@ class SequentialTest(Protocol):
     @property
     def name(self) -> str:
         """The name in tables."""
-        ...
 
     def plan(self, rows: Rows, noise: NoiseInTime, ramp_m: NDArray[np.float64], onset: int) -> SequentialPlan:
         """The plan of a series, in double precision.
@@ -91,4 +83,3 @@ class SequentialTest(Protocol):
             ramp_m: (T, m), the unit ramp [m].
             onset: first monitored sample.
         """
-        ...

@@ -81,7 +81,17 @@ class SequentialParity:
         return name_with_windows("sequential_parity", self.windows_s)
 
     def plan(self, rows: Rows, noise: NoiseInTime, ramp_m: FloatArray, onset: int) -> ParityPlan:
-        return ParityPlan(parity_tests(self, rows, noise, ramp_m, onset), up_m=jnp.zeros(len(rows.design)))
+        maps = residual_maps(rows)
+        ramp = np.einsum("eij,ej->ei", maps, ramp_m / rows.sigma_m * rows.in_view)
+        size, basis = np.linalg.eigh(maps[onset:])
+        basis = basis * (size > 0.5)[:, None, :]
+        samples = window_samples("sequential_parity", self.windows_s, rows.interval_s, onset)
+        correlation = noise.correlation(rows.interval_s)
+        made = []
+        for w in samples:
+            covariance = summed_covariance(maps, correlation, noise.share, w, onset)
+            made.append(whitened(covariance, basis, window_sums(ramp, w, onset), self.p_fa))
+        return ParityPlan(window_tests(made, samples), up_m=jnp.zeros(len(rows.design)))
 
 
 def residual_maps(rows: Rows) -> FloatArray:
@@ -91,31 +101,6 @@ def residual_maps(rows: Rows) -> FloatArray:
     # Columns of very different size (clocks without a satellite are zero) are no obstacle to an SVD.
     fitted = design @ np.linalg.pinv(design, rcond=1e-10)
     return np.einsum("ei,ij->eij", seen, np.eye(seen.shape[1])) - fitted
-
-
-def parity_tests(
-    test: SequentialParity, rows: Rows, noise: NoiseInTime, ramp_m: FloatArray, onset: int
-) -> WindowTests:
-    """The tests at every epoch from ``onset`` on.
-
-    Args:
-        test: the options.
-        rows: the series.
-        noise: what correlates the errors.
-        ramp_m: (T, m), the unit ramp [m].
-        onset: first monitored sample.
-    """
-    maps = residual_maps(rows)
-    ramp = np.einsum("eij,ej->ei", maps, ramp_m / rows.sigma_m * rows.in_view)
-    size, basis = np.linalg.eigh(maps[onset:])
-    basis = basis * (size > 0.5)[:, None, :]
-    samples = window_samples("sequential_parity", test.windows_s, rows.interval_s, onset)
-    correlation = noise.correlation(rows.interval_s)
-    made = []
-    for w in samples:
-        covariance = summed_covariance(maps, correlation, noise.share, w, onset)
-        made.append(whitened(covariance, basis, window_sums(ramp, w, onset), test.p_fa))
-    return window_tests(made, samples)
 
 
 def summed_covariance(maps: FloatArray, correlation: float, share: float, samples: int, onset: int) -> FloatArray:

@@ -21,18 +21,20 @@ from pl_mc.geometry.record import Geometry
 from pl_mc.input_errors import InputError, require_fraction, require_whole
 from pl_mc.methods import METHODS, Method
 from pl_mc.methods.capabilities import refusal
-from pl_mc.named import as_records
+from pl_mc.named import as_records, build_named
 from pl_mc.runtime.precision import precision_scope
 from pl_mc.runtime.progress import progress_bar
 from pl_mc.statistics.intervals import clopper_pearson, rate_columns
-from pl_mc.time_ramps.passes import Test, Watched, pass_plan, watch_block
-from pl_mc.time_ramps.registry import SEQUENTIAL
+from pl_mc.time_ramps.kalman_innovation import KalmanInnovation
+from pl_mc.time_ramps.passes import Test, Watched, has_ratio, pass_plan, watch_block
+from pl_mc.time_ramps.sequential import SequentialTest
+from pl_mc.time_ramps.sequential_parity import SequentialParity
 from pl_mc.time_ramps.signals import NoiseInTime, Rows, rows_by_satellite, unit_ramp_m, whole_samples
-from pl_mc.time_ramps.snapshot import has_ratio
 
 CONFIDENCE = 0.95
 LIMITS_S = (6, 10, 30)
 QUANTILES = (50, 95)
+SEQUENTIAL: dict[str, type] = {"sequential_parity": SequentialParity, "kalman": KalmanInnovation}
 DEFAULT_METHODS = ("ls", "igg3", "slope", "parity", "w_test", "araim", "sequential_parity", "kalman")
 
 # Passes of the calibration, of its check, and with ramps are independent of each other.
@@ -69,7 +71,7 @@ def time_to_alert(
     hazard begins with the first at which the vertical error is beyond VAL, even if noise takes it back again. The
     time to alert is the difference; it is negative where the alarm comes first. Errors are those of the position
     that a method guards: IGG-III's own and other M-estimates' own, a Kalman filter's own if asked for, else that of
-    least squares. What each statistic is: `pl_mc.time_ramps.snapshot`, `SequentialParity`, `KalmanInnovation`.
+    least squares. What each statistic is: `pl_mc.time_ramps.passes`, `SequentialParity`, `KalmanInnovation`.
 
     Args:
         g_series: epochs at equal intervals; the requirements of 6, 10 and 30 s ask for 1 s.
@@ -156,6 +158,11 @@ def time_to_alert(
     return _table(rows, onset, noise, tests, rates, thresholds, checked, seen)
 
 
+def sequential(name: str, **options: Any) -> SequentialTest:
+    """A sequential test by name with its options; an `InputError` names what is unknown and the nearest choice."""
+    return build_named(name, SEQUENTIAL, options, what="sequential test")
+
+
 def as_tests(methods: Sequence[str | Test]) -> tuple[Test, ...]:
     """Names and records, made records; an `InputError` for those that have no statistic to calibrate."""
     made = as_records(methods, METHODS | SEQUENTIAL, Test, what="method")
@@ -168,8 +175,7 @@ def as_tests(methods: Sequence[str | Test]) -> tuple[Test, ...]:
 def calibrated(largest: FloatArray, p_fa: float) -> FloatArray:
     """(methods,), the smallest values that no more than a share ``p_fa`` of passes (methods, passes) is beyond."""
     passes = largest.shape[1]
-    beyond = math.floor(p_fa * passes)
-    return np.sort(largest, axis=1)[:, passes - beyond - 1]
+    return np.sort(largest, axis=1)[:, passes - math.floor(p_fa * passes) - 1]
 
 
 def require_calibration(draws: int, p_fa: float) -> int:
@@ -207,22 +213,14 @@ def _table(
     made = []
     for f, rate in enumerate(rates):
         for k, test in enumerate(tests):
-            false = int(checked[k].sum())
-            made.append(
-                {
-                    "tau_s": noise.tau_s,
-                    "share": noise.share,
-                    "rate_m_per_s": float(rate),
-                    "method": test.name,
-                    "threshold": float(thresholds[k]),
-                    "false_alarms": false,
-                    "false_alarm_passes": checked.shape[1],
-                    **_rate("false_alarm", false, checked.shape[1]),
-                    **timing_columns(
-                        seen.alarm[k, f], seen.hazard[k, f], seen.error_m[k, f], samples, rows.interval_s,
-                    ),
-                }
-            )  # fmt: skip
+            false, passes = int(checked[k].sum()), checked.shape[1]
+            about = {
+                "tau_s": noise.tau_s, "share": noise.share, "rate_m_per_s": float(rate), "method": test.name,
+                "threshold": float(thresholds[k]), "false_alarms": false, "false_alarm_passes": passes,
+            }  # fmt: skip
+            alarm, hazard, error_m = (part[k, f] for part in (seen.alarm, seen.hazard, seen.error_m))
+            timing = timing_columns(alarm, hazard, error_m, samples, rows.interval_s)
+            made.append(about | _rate("false_alarm", false, passes) | timing)
     return pd.DataFrame(made)
 
 
@@ -231,12 +229,7 @@ def timing_columns(
 ) -> dict[str, float]:
     """Statistics of the passes with one ramp under one method; see `time_to_alert`.
 
-    Args:
-        alarm, hazard: (passes,), samples from the onset to the first alarm and the first error beyond VAL; -1 for
-            none.
-        error_m: (passes,), size of the vertical error at the alarm [m].
-        samples: in a pass, the onset's included.
-        interval_s: between samples [s].
+    ``alarm``, ``hazard`` and ``error_m``: (passes,), as in `Watched`; ``samples`` in a pass, the onset's included.
     """
     passes = len(alarm)
     detected, hazardous = alarm >= 0, hazard >= 0
@@ -259,17 +252,14 @@ def timing_columns(
     ):
         for percent in QUANTILES:
             value, low, high = quantile_bounds(values, percent / 100.0)
-            columns[f"{name}_{percent}_{unit}"] = value
-            columns[f"{name}_{percent}_low_{unit}"] = low
-            columns[f"{name}_{percent}_high_{unit}"] = high
+            start = f"{name}_{percent}"
+            columns |= {f"{start}_{unit}": value, f"{start}_low_{unit}": low, f"{start}_high_{unit}": high}
     for limit in LIMITS_S:
         # Which passes count is known whatever the alarm did: counting alarms of passes that ended before the limit
         # without counting the alarms that these did not live to see would favour the alarm.
         enough = left_s >= limit
-        in_time = enough & (after_hazard_s <= limit)
-        late = enough & ~in_time
-        within, missed = int(in_time.sum()), int(late.sum())
-        undecided = len(in_time) - within - missed
+        within = int((enough & (after_hazard_s <= limit)).sum())
+        missed, undecided = int(enough.sum()) - within, int((~enough).sum())
         columns |= {
             f"within_{limit}": within,
             f"decided_{limit}": within + missed,

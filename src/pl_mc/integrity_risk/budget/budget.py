@@ -28,13 +28,13 @@ from pl_mc.engine.checks import LARGEST_SEED, require_geometry_and_alert, requir
 from pl_mc.faults import Faults, fault_label
 from pl_mc.geometry.record import Geometry
 from pl_mc.input_errors import InputError, require_choice, require_positive, require_whole
-from pl_mc.integrity_risk.budget.bias_sizes import Sizes
 from pl_mc.integrity_risk.budget.fault_modes import (
     COMMON,
     FAULT_FREE,
     INDEPENDENT,
     PAIR,
     Mode,
+    Sizes,
     fault_modes,
     not_monitored,
     source_priors,
@@ -79,6 +79,8 @@ class Conditional:
     fault: str = ""
     warning: str = ""
 
+
+_NUMBERS = ("probability", "standard_error", "low", "high")
 
 # Nothing is known but that it is a probability; it counts with the most that it can be.
 _AT_MOST_ONE = Conditional(1.0, 0.0, 0.0, 1.0, BOUNDED)
@@ -192,10 +194,7 @@ def _choose_pairs(modes: Sequence[Mode], epoch: LsEpoch, pairs: str | int) -> li
     if epoch.available:
         at.sort(key=lambda k: -modes[k].prior * worst_direction(epoch, modes[k].directions).slope)
     aside = set(at[number:])
-    return [
-        Mode(mode.kind, mode.label, mode.prior, mode.directions, analysed=k not in aside)
-        for k, mode in enumerate(modes)
-    ]
+    return [replace(mode, analysed=k not in aside) for k, mode in enumerate(modes)]
 
 
 def _exact_conditionals(
@@ -236,16 +235,9 @@ def _mean_parts(epoch: LsEpoch, event: str, shift: FloatArray, root: FloatArray)
 
 
 def _estimated_conditionals(
-    g: Geometry,
-    epoch: LsEpoch,
-    modes: Sequence[Mode],
-    sizes: Sizes | None,
-    estimate: Estimator,
-    options: dict[str, Any],
-    *,
-    draws: int,
-    seed: int,
-) -> dict[int, Conditional]:
+    g: Geometry, epoch: LsEpoch, modes: Sequence[Mode], sizes: Sizes | None, estimate: Estimator,
+    options: dict[str, Any], *, draws: int, seed: int,
+) -> dict[int, Conditional]:  # fmt: skip
     """P(event | mode) of every mode that is analysed, from an estimator."""
     target_cov = float(options["target_cov"])
 
@@ -274,12 +266,11 @@ def _estimated_conditionals(
         if not faulted.any():
             found[k] = fault_free
         elif sizes is not None and columns.shape[1] == 1:
-            table = run(sizes.few_m[:, None] * columns[:, 0])
-            found[k] = _weighted(table, sizes.few_weights)
+            found[k] = _weighted(run(sizes.few_m[:, None] * columns[:, 0]), sizes.few_weights)
         elif sizes is not None:
             table = run(sizes.draw((draws, columns.shape[1]), rng) @ columns.T)
-            parts = table["probability"].to_numpy()
-            found[k] = _mean(parts, table["standard_error"].to_numpy(), str(_warnings(table)))
+            parts, errors = table["probability"].to_numpy(), table["standard_error"].to_numpy()
+            found[k] = _mean(parts, errors, _warnings(table))
         elif faulted.sum() == columns.shape[1] <= _MOST_SEARCHED:
             # As many columns as satellites: every fault of one or two satellites.
             searched[k] = tuple(np.array(g.names)[faulted].tolist())
@@ -313,14 +304,13 @@ def _moving(epoch: LsEpoch, columns: FloatArray) -> FloatArray:
 
 def _estimate_of(row: pd.Series) -> Conditional:
     """What an estimator says of one fault."""
-    value, error, low, high = (float(row[name]) for name in ("probability", "standard_error", "low", "high"))
+    value, error, low, high = (float(row[name]) for name in _NUMBERS)
     return Conditional(value, error, low, high, ESTIMATED, warning=str(row["warning"]))
 
 
 def _weighted(table: pd.DataFrame, weights: FloatArray) -> Conditional:
     """A weighted mean of estimates: bounds add up, for all of them may err to one side."""
-    names = ("probability", "standard_error", "low", "high")
-    value, error, low, high = (float(weights @ table[name].to_numpy(dtype=float)) for name in names)
+    value, error, low, high = (float(weights @ table[name].to_numpy(dtype=float)) for name in _NUMBERS)
     return Conditional(value, error, low, high, ESTIMATED, warning=_warnings(table))
 
 
@@ -354,7 +344,7 @@ def _table(
 ) -> pd.DataFrame:
     rows = [(mode.kind, mode.label, mode.prior, found[k]) for k, mode in enumerate(modes) if mode.analysed]
     rows.append((NOT_MONITORED, "", rest, _AT_MOST_ONE))
-    names = ("probability", "standard_error", "low", "high", "found", "warning")
+    names = (*_NUMBERS, "found", "warning")
     table = pd.DataFrame(
         [
             {"mode": kind, "failed": label, "fault": each.fault, "prior": prior}
@@ -364,33 +354,23 @@ def _table(
     )
     prior = table["prior"]
     approach = samples * prior
-    table = table.assign(
-        risk_per_sample=prior * table["probability"],
-        risk_per_approach=approach * table["probability"],
-        risk_low=approach * table["low"],
-        risk_high=approach * table["high"],
-    )
-    sums = {
-        name: float(table[name].sum()) for name in ("risk_per_sample", "risk_per_approach", "risk_low", "risk_high")
+    risks = {
+        "risk_per_sample": prior * table["probability"],
+        "risk_per_approach": approach * table["probability"],
+        "risk_low": approach * table["low"],
+        "risk_high": approach * table["high"],
     }
+    table = table.assign(**risks)
+    sums = {name: float(table[name].sum()) for name in risks}
     kinds = set(table["found"][table["prior"] > 0])
     # Given nothing, the probability is the risk of a sample itself.
-    whole: dict[str, object] = {
-        "mode": TOTAL,
-        "failed": "",
-        "fault": "",
-        "prior": 1.0,
-        "probability": sums["risk_per_sample"],
-        "standard_error": float((prior * table["standard_error"]).sum()),
-        "low": sums["risk_low"] / samples,
-        "high": sums["risk_high"] / samples,
-        "found": ESTIMATED if ESTIMATED in kinds else EXACT,
-        "warning": "",
-    }
+    whole: dict[str, object] = {"mode": TOTAL, "failed": "", "fault": "", "prior": 1.0, "warning": ""}
+    whole |= {"probability": sums["risk_per_sample"], "found": ESTIMATED if ESTIMATED in kinds else EXACT}
+    whole |= {"low": sums["risk_low"] / samples, "high": sums["risk_high"] / samples}
+    whole["standard_error"] = float((prior * table["standard_error"]).sum())
     table = pd.concat([table, pd.DataFrame([whole | sums])[table.columns]], ignore_index=True)
     table["of_target"] = table["risk_per_approach"] / target
-    last = table.columns.drop("warning").tolist()
-    table = table[[*last, "warning"]]
+    table = table[[*table.columns.drop("warning"), "warning"]]
     verdict = "met" if sums["risk_high"] <= target else "not met" if sums["risk_low"] > target else "not shown"
     table.attrs |= {"verdict": verdict, "target": target, "total": sums["risk_per_approach"]}
     return table

@@ -22,17 +22,21 @@ from pl_mc.faults import Faults, no_fault
 from pl_mc.geometry.record import Geometry
 from pl_mc.input_errors import InputError, require_choice, require_fraction, require_whole
 from pl_mc.integrity_risk.k_factor.error_to_level_ratio import EVENTS, ratio_state
-from pl_mc.integrity_risk.k_factor.exceedance_curve import ExceedanceCurve
-from pl_mc.integrity_risk.k_factor.from_curve import from_curve
-from pl_mc.integrity_risk.k_factor.order_statistics import counted, drawn_ratios, fewest_draws, order_bounds
-from pl_mc.integrity_risk.k_factor.record import (
+from pl_mc.integrity_risk.k_factor.from_curve import ExceedanceCurve, from_curve
+from pl_mc.integrity_risk.k_factor.multiplier import (
+    ALWAYS_ALARMS,
     Found,
     alarm_columns,
     alarm_rate,
-    always_alarms,
+    bounds_of,
+    counted,
+    drawn_ratios,
     exact_k_factor,
+    fewest_draws,
+    first_guess,
+    order_bounds,
+    searched,
 )
-from pl_mc.integrity_risk.k_factor.search import bounds_of, first_guess, searched
 from pl_mc.integrity_risk.worst.search import Estimator
 from pl_mc.methods import Method, as_methods
 from pl_mc.methods.capabilities import exact_law, k_of, require_k, with_k
@@ -113,12 +117,45 @@ def calibrate(
     (chosen,) = as_methods([method])
     require_k(chosen)
     series = g.as_series()
-    epochs = [series] if pooled else [series[k : k + 1] for k in range(len(series))]
+
+    def estimated(part: Geometry, fault: Faults) -> tuple[Found, dict[str, float], ExceedanceCurve | None]:
+        unit_m, ratio = drawn_ratios(part, fault, chosen, event, alert, draws=draws, seed=seed)
+        high, low = order_bounds(ratio.size, target, confidence)
+        curve = None
+        if estimator is None and high >= 1:
+            found = counted(ratio, target, confidence, high, low)
+        elif not ls_quantities(part).available.any():
+            found = ALWAYS_ALARMS
+        elif len(part) > 1:
+            needed = math.ceil(fewest_draws(target, confidence) / int(fault.applies(part).sum()))
+            raise InputError(
+                f"draws: a pooled multiplier is counted, which at {target:g} with confidence {confidence:g} needs "
+                f"at least {needed} draws per epoch, not {draws} (or a larger target, or one multiplier per epoch)."
+            )
+        elif estimator is None:
+            state, name = ratio_state(part, fault, chosen, event, alert), f"{chosen.name}/{event}/{fault.labels[0]}"
+            made = from_curve(
+                state, target=target, confidence=confidence, key=(seed, int(part.epoch[0])), name=name,
+                target_cov=target_cov, most_evaluations=max_evaluations,
+            )  # fmt: skip
+            found, curve = made.found, made.curve
+        else:
+            asked, one = estimator, part[0]
+            local = Faults.from_array(one, fault.bias_m[:, [part.names.index(name) for name in one.names]])
+
+            def trial(k: float) -> tuple[float, float, float, str]:
+                row = asked(with_k(chosen, k))(local, target_cov, seed).iloc[0]
+                return *bounds_of(row, confidence), str(row["warning"])
+
+            found = searched(trial, first_guess(ratio, target), target)
+        alarm = [alarm_rate(unit_m, k, alert, confidence) for k in (k_of(chosen), found.high)]
+        return found, alarm_columns(*alarm), curve
+
     rows: list[dict[str, Any]] = []
     curves: list[dict[str, Any]] = []
-    for part in epochs:
+    for part in [series] if pooled else [series[k : k + 1] for k in range(len(series))]:
         for k in range(len(faults)):
-            fault = Faults(faults.bias_m[k : k + 1], faults.names, faults.labels[k : k + 1])
+            fault = faults.only(k)
             if not fault.applies(part).any():
                 continue
             keys = {
@@ -132,10 +169,7 @@ def calibrate(
             if exact_law(chosen) is not None and estimator is None:
                 found, alarm = exact_k_factor(part, fault, chosen, event, alert, target)
             else:
-                found, alarm, curve = _estimated(
-                    part, fault, chosen, event, alert, target=target, confidence=confidence, draws=draws, seed=seed,
-                    target_cov=target_cov, max_evaluations=max_evaluations, estimator=estimator,
-                )  # fmt: skip
+                found, alarm, curve = estimated(part, fault)
                 if curve is not None:
                     curves.append(_curve_columns(keys, curve, confidence))
             rows.append(keys | _columns(found, k_of(chosen), alarm))
@@ -150,64 +184,11 @@ def calibrate(
     return table
 
 
-def _estimated(
-    g: Geometry,
-    fault: Faults,
-    method: Method,
-    event: str,
-    alert: AlertLimits,
-    *,
-    target: float,
-    confidence: float,
-    draws: int,
-    seed: int,
-    target_cov: float,
-    max_evaluations: int,
-    estimator: Callable[[Method], Estimator] | None,
-) -> tuple[Found, dict[str, float], ExceedanceCurve | None]:
-    unit_m, ratio = drawn_ratios(g, fault, method, event, alert, draws=draws, seed=seed)
-    high, low = order_bounds(ratio.size, target, confidence)
-    curve = None
-    if estimator is None and high >= 1:
-        found = counted(ratio, target, confidence, high, low)
-    elif not ls_quantities(g).available.any():
-        found = always_alarms()
-    elif len(g) > 1:
-        needed = math.ceil(fewest_draws(target, confidence) / int(fault.applies(g).sum()))
-        raise InputError(
-            f"draws: a pooled multiplier is counted, which at {target:g} with confidence {confidence:g} needs at "
-            f"least {needed} draws per epoch, not {draws} (or a larger target, or one multiplier per epoch)."
-        )
-    elif estimator is None:
-        made = from_curve(
-            ratio_state(g, fault, method, event, alert),
-            target=target,
-            confidence=confidence,
-            key=(seed, int(g.epoch[0])),
-            name="/".join((method.name, event, fault.labels[0])),
-            target_cov=target_cov,
-            most_evaluations=max_evaluations,
-        )
-        found, curve = made.found, made.curve
-    else:
-        one = g[0]
-        local = Faults.from_array(one, fault.bias_m[:, [g.names.index(name) for name in one.names]])
-
-        def trial(k: float) -> tuple[float, float, float, str]:
-            row = estimator(with_k(method, k))(local, target_cov, seed).iloc[0]
-            return *bounds_of(row, confidence), str(row["warning"])
-
-        found = searched(trial, first_guess(ratio, target), target)
-    alarm = [alarm_rate(unit_m, k, alert, confidence) for k in (k_of(method), found.high)]
-    return found, alarm_columns(*alarm), curve
-
-
 def _columns(found: Found, k_before: float, alarm: dict[str, float]) -> dict[str, object]:
     names = ("probability", "probability_low", "probability_high")
-    checks = ("check_probability", "check_low", "check_high", "warning")
     first = {"found": found.found, "draws": found.draws, "k_vertical": found.k, "k_low": found.low}
     first |= {"k_high": found.high, "inflation": found.high / k_before}
-    return first | {name: getattr(found, name) for name in names} | alarm | {c: getattr(found, c) for c in checks}
+    return first | {name: getattr(found, name) for name in names} | alarm | found.check | {"warning": found.warning}
 
 
 def _curve_columns(keys: dict[str, Any], curve: ExceedanceCurve, confidence: float) -> dict[str, Any]:

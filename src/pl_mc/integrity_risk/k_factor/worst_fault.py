@@ -10,8 +10,8 @@ from pl_mc.alert import AlertLimits
 from pl_mc.faults import Faults
 from pl_mc.geometry.record import Geometry
 from pl_mc.integrity_risk.k_factor.error_to_level_ratio import RatioState, ratio_state
-from pl_mc.integrity_risk.k_factor.exceedance_curve import climb_ratios, mean_curve
-from pl_mc.integrity_risk.k_factor.record import SMALLEST_FACTOR, exact_k_factor, exact_rates
+from pl_mc.integrity_risk.k_factor.from_curve import climb_ratios, mean_curve
+from pl_mc.integrity_risk.k_factor.multiplier import SMALLEST_FACTOR, exact_k_factor, exact_rates
 from pl_mc.integrity_risk.rare.limit_state import all_axes
 from pl_mc.methods import Method
 from pl_mc.methods.capabilities import exact_law, require_k
@@ -27,24 +27,16 @@ _POPULATIONS = (2, 4)
 def neediest_fault(
     g: Geometry, faults: Faults, *, method: Method, event: str, alert: AlertLimits, target: float, seed: int
 ) -> int:
-    """The fault of those given that needs the largest multiplier.
+    """The fault of those given that needs the largest multiplier, at one epoch with redundancy.
 
     Exact for a method with an exact law. For others it is the one whose curve, with random numbers of its own, says
     so; what that multiplier is has to be asked afresh, so that the choice of the largest does not bias it.
-
-    Args:
-        g: one epoch with redundancy.
-        faults: the faults.
-        method: with a multiplier.
-        event: ``exceeded`` or ``misleading``.
-        alert: alert limits.
-        target: probability of the event.
-        seed: of the random numbers.
+    Arguments as for `pl_mc.calibrate`.
     """
     require_k(method)
     if exact_law(method) is not None:
         return _neediest_exactly(g, faults, method, event, alert, target)
-    states = [ratio_state(g, _one(faults, k), method, event, alert) for k in range(len(faults))]
+    states = [ratio_state(g, faults.only(k), method, event, alert) for k in range(len(faults))]
     rng = np.random.default_rng((seed, len(faults)))
     seen = states[0].in_view
     noise = rng.standard_normal((_DRAWS, int(seen.sum())))
@@ -74,9 +66,5 @@ def _neediest_exactly(
         if rates[worst] <= target * (1.0 + 1e-6):
             return best
         best = worst
-        found, _ = exact_k_factor(g.as_series(), _one(faults, worst), method, event, alert, target)
+        found, _ = exact_k_factor(g.as_series(), faults.only(worst), method, event, alert, target)
         k = found.k
-
-
-def _one(faults: Faults, k: int) -> Faults:
-    return Faults(faults.bias_m[[k]], faults.names, (faults.labels[k],))

@@ -10,6 +10,7 @@ from __future__ import annotations
 import functools
 import math
 from collections.abc import Sequence
+from itertools import product
 
 import jax
 import jax.numpy as jnp
@@ -116,20 +117,16 @@ def exposure(
             for _, of_block in run_calls(plan, functools.partial(count, tau), precision=precision):
                 sums[place] += of_block
                 advance()
+    # Faults stand in the plan's order, which for one epoch is theirs.
+    of_fault = list(zip(faults.labels, faults.scalar_bias_m.tolist(), strict=True))
+    names = ("tau_s", "fault", "bias_m", "method", "event")
     rows = []
-    for place, tau in enumerate(taus):
-        # Faults stand in the plan's order, which for one epoch is theirs.
-        for fault in range(len(faults)):
-            for number, method in enumerate(chosen):
-                keys = {
-                    "tau_s": tau,
-                    "fault": faults.labels[fault],
-                    "bias_m": float(faults.scalar_bias_m[fault]),
-                    "method": method.name,
-                }
-                for kind, event in enumerate(EVENTS):
-                    seen, total, squares = (float(value) for value in sums[place, :, fault, number, kind])
-                    rows.append(keys | {"event": event.name} | _columns(seen, total, squares, draws, samples))
+    for (place, tau), (f, fault), (m, method), (kind, event) in product(
+        enumerate(taus), enumerate(of_fault), enumerate(chosen), enumerate(EVENTS)
+    ):
+        keys = dict(zip(names, (tau, *fault, method.name, event.name), strict=True))
+        seen, total, squares = sums[place, :, f, m, kind].tolist()
+        rows.append(keys | _columns(seen, total, squares, draws, samples))
     return pd.DataFrame(rows)
 
 
@@ -157,18 +154,9 @@ def _taus(tau_s: ArrayLike) -> list[float]:
 
 @functools.partial(jax.jit, static_argnames=("methods", "noise_model", "samples"))
 def _block_sums(
-    one: EpochBatch,
-    seed: Array,
-    block: Array,
-    full_blocks: Array,
-    remainder: Array,
-    correlation: Array,
-    vertical_m: Array,
-    *,
-    methods: tuple[Method, ...],
-    noise_model: NoiseModel,
-    samples: int,
-) -> Array:
+    one: EpochBatch, seed: Array, block: Array, full_blocks: Array, remainder: Array, correlation: Array,
+    vertical_m: Array, *, methods: tuple[Method, ...], noise_model: NoiseModel, samples: int,
+) -> Array:  # fmt: skip
     """(3, f, methods, events), over the exposures of a block.
 
     How many have the event, and the sum and the square sum of the number of samples with it.
@@ -179,11 +167,8 @@ def _block_sums(
     shape = (noise_model.inputs_per_row, rows, LANES)
 
     def fresh(time: Array) -> Array:
-        numbers = [
-            jax.random.normal(jax.random.fold_in(jax.random.fold_in(key, time), k), (rows, LANES), dtype)
-            for k in range(shape[0])
-        ]
-        return jnp.stack(numbers)
+        keys = [jax.random.fold_in(jax.random.fold_in(key, time), k) for k in range(shape[0])]
+        return jnp.stack([jax.random.normal(one, (rows, LANES), dtype) for one in keys])
 
     def count(outcomes: list[Outcome]) -> Array:
         return jnp.stack([events(outcome, vertical_m) for outcome in outcomes])
@@ -228,7 +213,5 @@ def _columns(seen: float, total: float, squares: float, draws: int, samples: int
         "sample_rate": rate,
         "sample_error": math.sqrt(variance / draws),
         "independent_rate": -math.expm1(samples * math.log1p(-rate)) if rate < 1.0 else 1.0,
-        "effective_samples": effective,
-        "effective_low": effective_low,
-        "effective_high": effective_high,
+        **{"effective_samples": effective, "effective_low": effective_low, "effective_high": effective_high},
     }

@@ -107,21 +107,13 @@ class Tally:
 
 
 def importance_sampling(
-    limit: Sampled,
-    rng: np.random.Generator,
-    *,
-    target_cov: float,
-    most_evaluations: int,
+    limit: Sampled, rng: np.random.Generator, *, target_cov: float, most_evaluations: int,
     known: FloatArray | None = None,
-) -> ImportanceRun:
-    """Estimate P(limit state > 0).
+) -> ImportanceRun:  # fmt: skip
+    """Estimate P(limit state > 0), with random numbers of this estimator alone.
 
-    Args:
-        limit: the limit state.
-        rng: random numbers of this estimator alone.
-        target_cov: the samples grow until standard error / estimate is at most this.
-        most_evaluations: or until more would need more limit states than this.
-        known: (N, dimension), points in the event that are known already; every search starts from them as well.
+    The samples grow until standard error / estimate is at most ``target_cov``, or more would need more limit states
+    than ``most_evaluations``. Every search starts from the points (N, dimension) ``known`` to be in the event too.
     """
     known = np.empty((0, limit.dimension)) if known is None else known
     searches: list[tuple[Mixture, Tally]] = []
@@ -174,14 +166,7 @@ def _together(tallies: list[Tally], evaluations: int) -> ImportanceRun:
         scatter = float(np.std([tally.probability for tally in tallies], ddof=1) / np.sqrt(len(tallies)))
         if scatter > error:
             error, dof = scatter, float(len(tallies) - 1)
-    return ImportanceRun(
-        probability=whole.probability,
-        standard_error=error,
-        dof=dof,
-        ess=ess,
-        largest_share=float(whole.largest / whole.first),
-        evaluations=evaluations,
-    )
+    return ImportanceRun(whole.probability, error, dof, ess, float(whole.largest / whole.first), evaluations)
 
 
 def adapted_proposal(

@@ -157,14 +157,12 @@ def risk(
 
     results = with_progress(in_order(run, rows, threads), total=len(rows), what="Risk", show=progress)
     found = [estimate for _, estimate in results]
-    keys: dict[str, object] = {}
-    if g.is_series:
-        keys["epoch"] = [int(series.epoch[epoch]) for epoch, _ in rows]
+    keys: dict[str, object] = {"epoch": [int(series.epoch[epoch]) for epoch, _ in rows]} if g.is_series else {}
     keys |= {
         "fault": np.array([faults.labels[fault] for _, fault in rows], dtype=object),
         "bias_m": faults.scalar_bias_m[[fault for _, fault in rows]],
-        "method": np.array([chosen.name] * len(rows), dtype=object),
-        "event": np.array([event] * len(rows), dtype=object),
+        "method": np.full(len(rows), chosen.name, dtype=object),
+        "event": np.full(len(rows), event, dtype=object),
     }
     for field in RiskEstimate.__dataclass_fields__:
         values = [getattr(one, field) for one in found]
@@ -195,9 +193,8 @@ def estimate_risk(
         draws = min(_BOUNDING_DRAWS, most_evaluations - spent)
         events = len(_events(limit, counts, draws))
         return _counted(events, draws, spent + draws, target_cov)
-    check = subset_simulation(
-        limit, second, target_cov=max(_SECOND_COV, target_cov), most_evaluations=most_evaluations - spent
-    )
+    coarse, left = max(_SECOND_COV, target_cov), most_evaluations - spent
+    check = subset_simulation(limit, second, target_cov=coarse, most_evaluations=left)
     return judge(found, check, evaluations=spent, target_cov=target_cov)
 
 
@@ -229,19 +226,9 @@ def judge(found: ImportanceRun, check: SubsetRun, *, evaluations: int, target_co
         low, high = min(low, below), max(high, above)
     elif cov > target_cov:
         warnings.append(f"coefficient of variation {cov:.2g} when the evaluations ran out")
-    return RiskEstimate(
-        probability=probability,
-        standard_error=found.standard_error,
-        low=low,
-        high=high,
-        ess=found.ess,
-        evaluations=evaluations,
-        estimator=IMPORTANCE,
-        subset_probability=check.probability,
-        subset_standard_error=check.standard_error,
-        subset_evaluations=check.evaluations,
-        warning="; ".join(warnings),
-    )
+    first = (probability, found.standard_error, low, high, found.ess, evaluations)
+    second = (check.probability, check.standard_error, check.evaluations)
+    return RiskEstimate(*first, IMPORTANCE, *second, "; ".join(warnings))
 
 
 def _disagree(found: ImportanceRun, check: SubsetRun) -> bool:
@@ -292,13 +279,5 @@ def _counted(events: int, draws: int, evaluations: int, target_cov: float) -> Ri
         warning = f"nothing reached the event; {draws} plain draws without it bound it from above"
     elif error > target_cov * rate:
         warning = f"coefficient of variation {error / rate:.2g} from {events} events in {draws} draws"
-    return RiskEstimate(
-        probability=rate if events else np.nan,
-        standard_error=error if events else np.nan,
-        low=low,
-        high=high,
-        ess=float(events),
-        evaluations=evaluations,
-        estimator=COUNTING,
-        warning=warning,
-    )
+    value = (rate, error) if events else (np.nan, np.nan)
+    return RiskEstimate(*value, low, high, float(events), evaluations, COUNTING, warning=warning)

@@ -68,28 +68,17 @@ class SubsetRun:
 
 
 def subset_simulation(
-    limit: Sampled,
-    rng: np.random.Generator,
-    *,
-    target_cov: float,
-    most_evaluations: int,
-    size: int = 4096,
-    fewest: int = 6,
-    most: int = 30,
-) -> SubsetRun:
+    limit: Sampled, rng: np.random.Generator, *, target_cov: float, most_evaluations: int, size: int = 4096,
+    fewest: int = 6, most: int = 30,
+) -> SubsetRun:  # fmt: skip
     """Estimate P(limit state > 0) as the mean of independent populations, with the error that their scatter shows.
 
     Each population's estimate is nearly unbiased, but where an event has several regions it is skewed: most
     populations find too little, a few far too much. The scatter between populations tells.
 
-    Args:
-        limit: the limit state.
-        rng: random numbers of this estimator alone.
-        target_cov: populations are added until standard error / mean is at most this.
-        most_evaluations: or until another might need more than this in all.
-        size: points of each population.
-        fewest, most: populations at the least, unless ``most_evaluations`` forbids, and at the most; the start
-            noises take turns.
+    Populations of ``size`` points, whose start noises take turns, are added until standard error / mean is at most
+    ``target_cov``, or another might need more than ``most_evaluations`` in all; ``fewest`` at the least, unless
+    that forbids, and ``most`` at the most.
     """
     estimates: list[float] = []
     spent = largest = 0
@@ -130,24 +119,13 @@ class Population:
 
 
 def climb(
-    limit: Sampled,
-    rng: np.random.Generator,
-    *,
-    size: int,
-    noise: float = 1.0,
-    moves: int = MOVES,
+    limit: Sampled, rng: np.random.Generator, *, size: int, noise: float = 1.0, moves: int = MOVES,
     most_evaluations: float = np.inf,
-) -> Population:
-    """One population from the noise into the event.
+) -> Population:  # fmt: skip
+    """One population of ``size`` points from the noise into the event, with ``moves`` of each at every level.
 
-    Args:
-        limit: the limit state.
-        rng: its random numbers.
-        size: number of points.
-        noise: times their nominal standard deviation active coordinates start with; 1 for subset simulation as
-            such.
-        moves: moves of every point at every level.
-        most_evaluations: a population that would need more limit states gives up.
+    Active coordinates start with ``noise`` times their nominal standard deviation, 1 for subset simulation as such.
+    A population that would need more limit states than ``most_evaluations`` gives up.
     """
     sigma = np.ones(limit.dimension)
     sigma[: limit.active] = noise
@@ -193,15 +171,9 @@ def rejuvenate(
 
 
 def move(
-    limit: Limit,
-    rng: np.random.Generator,
-    points: FloatArray,
-    values: FloatArray,
-    level: float,
-    sigma: FloatArray,
-    step: float,
-    moves: int,
-) -> tuple[FloatArray, FloatArray, float]:
+    limit: Limit, rng: np.random.Generator, points: FloatArray, values: FloatArray, level: float,
+    sigma: FloatArray, step: float, moves: int,
+) -> tuple[FloatArray, FloatArray, float]:  # fmt: skip
     """Moves of every point that keep the noise's distribution above ``level``; and the step that suits them."""
     points, values = points.copy(), values.copy()
     for _ in range(moves):

@@ -16,7 +16,7 @@ import numpy as np
 
 from pl_mc.arrays import FloatArray
 from pl_mc.integrity_risk.k_factor.error_to_level_ratio import RatioLimit
-from pl_mc.integrity_risk.k_factor.exceedance_curve import climb_ratios, mean_curve
+from pl_mc.integrity_risk.k_factor.from_curve import climb_ratios, mean_curve
 from pl_mc.integrity_risk.rare.importance import adapted_proposal, log_normal
 from pl_mc.integrity_risk.rare.limit_state import InCoordinates, Rotation, rotation
 from pl_mc.integrity_risk.rare.mixture import Mixture, join

@@ -243,17 +243,10 @@ class BiasCurve:
 def coarse_curve(
     region: Region, found: Sequence[Explored], shared: Shared, trace: FloatArray, rng: np.random.Generator
 ) -> BiasCurve:
-    """The curve of one satellite over all sizes.
+    """The curve of one satellite over all sizes, from its populations, one for each of `SIZES_M`, and all points.
 
     The first sample starts from the populations, the others from those before as well, for the sizes that these
-    could not tell.
-
-    Args:
-        region: the event.
-        found: the populations of this satellite, one for each of `SIZES_M`.
-        shared: the points of all.
-        trace: (active,), of 1 m.
-        rng: random numbers of this curve.
+    could not tell. ``trace`` (active,) is that of 1 m.
     """
     curve = BiasCurve(trace, [])
     for draws, least in _ROUNDS:

@@ -112,15 +112,10 @@ class Screen:
 def screened_table(
     g: Geometry, groups: Sequence[tuple[int, ...]], guesses_m: FloatArray, screen: Screen, search: Search
 ) -> pd.DataFrame:
-    """One row per satellite or pair; the columns are explained at `pl_mc.worst_case`.
+    """One row per satellite or pair, of an epoch with redundancy; columns are explained at `pl_mc.worst_case`.
 
-    Args:
-        g: one epoch with redundancy.
-        groups: rows of the satellites that fail together, one or two each.
-        guesses_m: (groups, n), for each a fault to look around at besides, what is worst for least squares; what is
-            not finite is left out [m].
-        screen: the quick looks.
-        search: the options.
+    ``guesses_m`` (groups, n) are faults to look around at besides, what is worst for least squares; what is not
+    finite is left out [m].
     """
     scans = [_faults(group, guess) for group, guess in zip(groups, guesses_m, strict=True)]
     owner = np.repeat(np.arange(len(groups)), [len(scan) for scan in scans])
@@ -146,24 +141,14 @@ def screened_table(
     spent[SHORTLISTED] = screen.evaluations - spent[SCREENED]
     stage = np.full(len(groups), SCREENED, dtype=object)
     stage[listed], stage[chosen] = SHORTLISTED, REFINED
-    table = pd.DataFrame(
-        {
-            **fault_columns(g, groups, bias),
-            "probability": np.nan,
-            "standard_error": np.nan,
-            "low": np.asarray(low, dtype=float),
-            "high": np.asarray(high, dtype=float),
-            "rough": np.exp(rough),
-            "stage": stage,
-            "refined": stage == REFINED,
-            "warning": np.full(len(groups), "", dtype=object),
-        }
-    )
-    nothing = [""] * len(groups)
-    spent[REFINED] = last_estimates(g, table, chosen, bias, search, doubts=nothing)
+    table = pd.DataFrame(fault_columns(g, groups, bias))
+    table = table.assign(
+        probability=np.nan, standard_error=np.nan, low=np.asarray(low, float), high=np.asarray(high, float),
+        rough=np.exp(rough), stage=stage, refined=stage == REFINED, warning=np.full(len(groups), "", dtype=object),
+    )  # fmt: skip
+    spent[REFINED] = last_estimates(g, table, chosen, bias, search, doubts=[""] * len(groups))
     place = np.array([(REFINED, SHORTLISTED, SCREENED).index(one) for one in stage])
-    table = table.iloc[np.lexsort((-rough, place))]
-    table = table.reset_index(drop=True)
+    table = table.iloc[np.lexsort((-rough, place))].reset_index(drop=True)
     table.attrs["evaluations"] = spent
     return table
 

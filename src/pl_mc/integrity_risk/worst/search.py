@@ -99,12 +99,20 @@ def estimated_table(g: Geometry, groups: Sequence[tuple[int, ...]], search: Sear
     bias[chosen] = climb_faults(g, bias[chosen], [groups[k] for k in chosen], search.estimate, search.seed)
     table["warning"] = joined(table["warning"], warned)
     last_estimates(g, table, chosen, bias, search, doubts=warned)
+    return searched_table(g, groups, bias, table.assign(grid_probability=grid_probability), grid_bias, chosen)
+
+
+def searched_table(
+    g: Geometry, groups: Sequence[tuple[int, ...]], bias_m: FloatArray, table: pd.DataFrame, grid_m: FloatArray,
+    chosen: NDArray[np.intp], *, also: Sequence[str] = (),
+) -> pd.DataFrame:  # fmt: skip
+    """What a search found, one row per group: its fault, columns of ``table``, the best of the grid, if refined."""
     return pd.DataFrame(
         {
-            **fault_columns(g, groups, bias),
-            **{name: table[name] for name in ("probability", "standard_error", "low", "high")},
-            **bias_columns(groups, grid_bias, "grid_"),
-            "grid_probability": grid_probability,
+            **fault_columns(g, groups, bias_m),
+            **{name: table[name] for name in ("probability", "standard_error", "low", "high", *also)},
+            **bias_columns(groups, grid_m, "grid_"),
+            "grid_probability": table["grid_probability"],
             "refined": np.isin(np.arange(len(groups)), chosen),
             "warning": table["warning"],
         }
@@ -157,10 +165,7 @@ def climb_faults(
 def estimates(
     g: Geometry, bias_m: FloatArray, estimate: Estimator, target_cov: float, seed: int, *, also: Sequence[str] = ()
 ) -> pd.DataFrame:
-    """One row per fault (f, n); a probability is missing where the estimator has none to give.
-
-    Columns ``also`` are kept besides those of every estimator.
-    """
+    """One row per fault (f, n), with columns ``also`` besides; no probability where the estimator has none."""
     columns = ["probability", "standard_error", "low", "high", "warning"]
     if not len(bias_m):
         return pd.DataFrame({name: pd.Series(dtype=object if name == "warning" else float) for name in columns})
@@ -178,30 +183,14 @@ def estimates(
 
 
 def last_estimates(
-    g: Geometry,
-    table: pd.DataFrame,
-    chosen: NDArray[np.intp],
-    bias_m: FloatArray,
-    search: Search,
-    *,
-    doubts: Sequence[str],
-    also: Sequence[str] = (),
-) -> int:
-    """Put estimates with noise that the search has not seen into the chosen rows of its table.
+    g: Geometry, table: pd.DataFrame, chosen: NDArray[np.intp], bias_m: FloatArray, search: Search, *,
+    doubts: Sequence[str], also: Sequence[str] = (),
+) -> int:  # fmt: skip
+    """Put estimates with noise that the search has not seen into the chosen rows (c,) of its table.
 
-    Of many estimates the largest is too large on average, a fresh one is not.
-
-    Args:
-        g: the epoch.
-        table: a row for each group, with the columns of `estimates`.
-        chosen: (c,), its rows.
-        bias_m: (groups, n), the faults [m].
-        search: the options.
-        doubts: for each group what the search says against itself; it stands behind the estimate's warning.
-        also: as for `estimates`.
-
-    Returns:
-        Scenarios computed, as far as the estimator says.
+    Of many estimates the largest is too large on average, a fresh one is not. Faults are (groups, n) [m]; what the
+    search says against itself, for each group, stands behind the estimate's warning. Gives the number of scenarios
+    computed, as far as the estimator says.
     """
     if not chosen.size:
         return 0

@@ -28,15 +28,7 @@ from pl_mc.integrity_risk.worst.bias_curve import (
     explore,
     finer_curve,
 )
-from pl_mc.integrity_risk.worst.search import (
-    GRID_M,
-    NO_ESTIMATE,
-    Search,
-    bias_columns,
-    fault_columns,
-    heights,
-    last_estimates,
-)
+from pl_mc.integrity_risk.worst.search import GRID_M, NO_ESTIMATE, Search, heights, last_estimates, searched_table
 from pl_mc.runtime.threads import cores, in_order
 
 # Sizes at which the finer curve is looked up.
@@ -47,14 +39,7 @@ EXPLORED, CURVES, REFINED = "explored", "curves", "refined"
 
 
 def single_table(g: Geometry, rows: Sequence[int], region: Region, search: Search) -> pd.DataFrame:
-    """One row per satellite; the columns are explained at `pl_mc.worst_case`.
-
-    Args:
-        g: one epoch with redundancy.
-        rows: which satellites.
-        region: the event.
-        search: the options.
-    """
+    """One row per satellite, of an epoch with redundancy; the columns are explained at `pl_mc.worst_case`."""
     count = SIZES_M.size
     traces = np.concatenate([SIZES_M[:, None] * region.traces[row] for row in rows])
 
@@ -65,9 +50,8 @@ def single_table(g: Geometry, rows: Sequence[int], region: Region, search: Searc
         return explore(region, traces[place], source(1, place))
 
     def coarse(j: int) -> BiasCurve:
-        return coarse_curve(
-            region, found[j * count : (j + 1) * count], shared, region.traces[rows[j]], source(2, j)
-        )
+        own = found[j * count : (j + 1) * count]
+        return coarse_curve(region, own, shared, region.traces[rows[j]], source(2, j))
 
     def finer(j: int) -> BiasCurve:
         return finer_curve(region, curves[j], *_bracket(size[j]), source(3, j))
@@ -84,23 +68,12 @@ def single_table(g: Geometry, rows: Sequence[int], region: Region, search: Searc
         values = np.nan_to_num(curve.known(sizes), nan=-1.0)
         size[j] = sizes[values.argmax()] if values.max() > 0 else size[j]
     bias = _on(g, rows, size)
-    spent = {
-        EXPLORED: sum(one.evaluations for one in found),
-        CURVES: sum(one.evaluations for one in (*curves, *second)),
-    }
-    doubts = list(table["warning"])
-    spent[REFINED] = last_estimates(g, table, chosen, bias, search, doubts=doubts, also=_CHECKS)
+    spent = {EXPLORED: sum(one.evaluations for one in found)}
+    spent[CURVES] = sum(one.evaluations for one in (*curves, *second))
+    spent[REFINED] = last_estimates(g, table, chosen, bias, search, doubts=list(table["warning"]), also=_CHECKS)
     groups = [(row,) for row in rows]
-    whole = pd.DataFrame(
-        {
-            **fault_columns(g, groups, bias),
-            **{name: table[name] for name in ("probability", "standard_error", "low", "high", *_CHECKS)},
-            **bias_columns(groups, _on(g, rows, table["grid_m"].to_numpy()), "grid_"),
-            "grid_probability": table["grid_probability"],
-            "refined": np.isin(np.arange(len(rows)), chosen),
-            "warning": table["warning"],
-        }
-    )
+    grid_m = _on(g, rows, table["grid_m"].to_numpy())
+    whole = searched_table(g, groups, bias, table, grid_m, chosen, also=_CHECKS)
     whole.attrs["evaluations"] = spent
     return whole
 

@@ -188,14 +188,11 @@ class Worst:
 
 
 def satellite_groups(
-    g: Geometry, satellites: int | Sequence[str | Sequence[str]], names: Sequence[str] | None = None
+    g: Geometry, satellites: int | Sequence[str | Sequence[str]], names: Sequence[str]
 ) -> list[tuple[int, ...]]:
     """Rows of the satellites that fail together; at an epoch of a series those groups that are all in view.
 
-    Args:
-        g: one epoch.
-        satellites: 1 or 2, for all satellites or pairs; or names and tuples of names.
-        names: all satellites of the series.
+    ``satellites`` are as for `worst_case`, ``names`` all of the series.
     """
     if not isinstance(satellites, Iterable):
         number = require_whole(satellites, field="satellites", low=1, high=2)
@@ -203,11 +200,10 @@ def satellite_groups(
     if isinstance(satellites, str):
         raise InputError(f"satellites: 1, 2 or a list of names is needed, such as [{satellites!r}], not a word.")
     groups = []
-    known = g.names if names is None else names
     for item in satellites:
         group = (item,) if isinstance(item, str) else tuple(item)
         for name in group:
-            if name not in known:
+            if name not in names:
                 require_satellite(g, name)
         if not group or len(set(group)) < len(group):
             raise InputError(f"satellites: different names that fail together are needed, not {group!r}.")
@@ -221,10 +217,7 @@ def satellite_groups(
 def exact_worst(epoch: LsEpoch, event: str, kinds: Sequence[tuple[int, ...]] | Sequence[FloatArray]) -> Worst:
     """The worst fault of each kind under least squares.
 
-    Args:
-        epoch: the epoch.
-        event: ``missed`` or ``misleading``.
-        kinds: for each the rows of the satellites that fail, or columns (n, k) that span its faults [m].
+    A kind is the rows of the satellites that fail, or columns (n, k) that span its faults [m].
     """
     n = epoch.sigma_m.size
     if not epoch.available:

@@ -17,8 +17,8 @@ from pl_mc.noise_models import GAUSSIAN
 from pl_mc.report.coastlines import coastlines
 from pl_mc.report.findings import Findings, Table
 from pl_mc.service.continuity import as_durations
-from pl_mc.service.grid import world_grid
 from pl_mc.service.levels import levels_from_geometry
+from pl_mc.service.sky import world_grid
 from pl_mc.service.task import ServiceTask
 from pl_mc.service.volume import (
     DAY_S,
