@@ -61,6 +61,10 @@ class Faults:
             raise InputError("faults: only faults of the same geometry can be joined.")
         return Faults(np.concatenate([self.bias_m, other.bias_m]), self.names, self.labels + other.labels)
 
+    def only(self, k: int) -> Faults:
+        """One of them alone."""
+        return Faults(self.bias_m[[k]], self.names, (self.labels[k],))
+
     @property
     def scalar_bias_m(self) -> NDArray[np.float64]:
         """(f,), the bias where one satellite is faulted, 0 where none is, NaN where several are [m]."""

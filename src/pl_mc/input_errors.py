@@ -69,6 +69,13 @@ def require_positive(value: float, *, field: str) -> float:
     return number
 
 
+def require_fraction(value: float, *, field: str) -> float:
+    """``value`` as a float if it lies between 0 and 1, both excluded; else an `InputError` that names ``field``."""
+    if not 0.0 < require_number(value, field=field) < 1.0:
+        raise InputError(f"{field}: it lies between 0 and 1, both excluded, not {shown(value)}.")
+    return float(value)
+
+
 def require_number(value: float, *, field: str) -> float:
     """``value`` as a float if it is a finite number; else an `InputError` that names ``field``."""
     try:

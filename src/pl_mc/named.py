@@ -26,13 +26,13 @@ def build_named(name: str, classes: Mapping[str, type], options: Mapping[str, An
     return cls(**{key: tuple(value) if isinstance(value, list) else value for key, value in options.items()})
 
 
-def as_records(items: Any, classes: Mapping[str, type], protocol: type, *, what: str) -> tuple[Any, ...]:
+def as_records(items: Any, classes: Mapping[str, type], protocol: Any, *, what: str) -> tuple[Any, ...]:
     """Names and records, made records; an `InputError` for none, for strangers and for two of one name.
 
     Args:
         items: a sequence of names of ``classes`` and of records.
         classes: frozen dataclasses by name.
-        protocol: what every record has to be.
+        protocol: what every record has to be, a protocol or a union of them.
         what: what such a record is called.
     """
     if isinstance(items, str) or not isinstance(items, Iterable):

@@ -9,11 +9,13 @@ import sys
 from dataclasses import replace
 from pathlib import Path
 
+import numpy as np
 import pandas as pd
 import pytest
 
 from pl_mc.cli.main import main
 from pl_mc.engine import plan, task
+from pl_mc.engine.calls import Chunk
 from pl_mc.experiments import running
 from pl_mc.report.findings import Findings
 from pl_mc.studies import sweep
@@ -204,11 +206,11 @@ def test_a_stopped_run_goes_on_where_it_was(
     counted: list[int] = []
     count = task.SweepTask.count
 
-    def stop_after_two_parts(self: task.SweepTask, chunk: plan.Chunk, devices: int = 1) -> object:
+    def stop_after_two_parts(self: task.SweepTask, chunk: Chunk, *noise: np.int32, devices: int = 1) -> object:
         if len(counted) == 8:
             raise KeyboardInterrupt
         counted.append(chunk.first_block)
-        return count(self, chunk, devices)
+        return count(self, chunk, *noise, devices=devices)
 
     monkeypatch.setattr(task.SweepTask, "count", stop_after_two_parts)
     with pytest.raises(SystemExit) as stop:

@@ -14,7 +14,8 @@ import pandas as pd
 import pytest
 from distributed import Client, LocalCluster
 
-from pl_mc.engine import dask_adapter, identity
+from pl_mc.engine import dask_adapter
+from pl_mc.engine import part_task as identity
 from pl_mc.input_errors import InputError
 from reference import small_sweep as small
 from reference.small_sweep import assert_same, cut

@@ -13,12 +13,11 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 import pl_mc
-from pl_mc.engine import identity
-from pl_mc.engine.checkpoint_store import BadPart, PartStore, is_whole, read_rows
+from pl_mc.engine import part_task as identity
+from pl_mc.engine.checkpoint_store import BadPart, CheckpointStore, is_whole, read_rows
 from pl_mc.engine.noise import LANES
-from pl_mc.engine.table import fault_table
+from pl_mc.engine.table import FaultTotals, fault_table
 from pl_mc.engine.task import SweepTask
-from pl_mc.engine.totals import FaultTotals
 from pl_mc.input_errors import InputError
 from reference import small_sweep as small
 from reference.small_sweep import COUNTS, assert_same, cut
@@ -82,7 +81,7 @@ def test_any_order_of_parts(whole, order, threads):
 def test_what_is_written_is_read(stored):
     with cut(3):
         task = small.task()
-        store = PartStore(stored, task, resume=True)
+        store = CheckpointStore(stored, task, resume=True)
         assert store.stored() == list(range(8))
         for part in task.count_parts(range(8), threads=1):
             found = store.read(part.number)
@@ -102,7 +101,7 @@ def test_every_changed_byte_and_every_truncation_is_known(stored, tmp_path):
         assert not is_whole(bytes(changed)), k
         assert not is_whole(content[:k]), k
     with cut(3):
-        store = PartStore(tmp_path, small.task(), resume=True)
+        store = CheckpointStore(tmp_path, small.task(), resume=True)
         place = tmp_path / "part-000002.parquet"
         place.write_bytes(content)
         store.read(2)
@@ -114,7 +113,7 @@ def test_every_changed_byte_and_every_truncation_is_known(stored, tmp_path):
 
 def test_whole_files_of_another_place_are_known(stored, tmp_path, monkeypatch):
     with cut(3):
-        store = PartStore(tmp_path, small.task(), resume=True)
+        store = CheckpointStore(tmp_path, small.task(), resume=True)
         shutil.copy(stored / "part-000001.parquet", tmp_path / "part-000002.parquet")
         with pytest.raises(BadPart, match=r"part-000002\.parquet: it holds part 1"):
             store.read(2)
@@ -129,7 +128,7 @@ def test_whole_files_of_another_place_are_known(stored, tmp_path, monkeypatch):
         there = identity.environment() | {"jaxlib": "0.0.1"}
         monkeypatch.setattr(identity, "environment", lambda: there)
         with pytest.raises(BadPart, match=r"another environment \(jaxlib: .* before, 0\.0\.1 now\)"):
-            PartStore(tmp_path, small.task(), resume=True).read(0)
+            CheckpointStore(tmp_path, small.task(), resume=True).read(0)
 
 
 def test_rows_of_parts_add_up_to_the_table(stored, whole, by_epoch):
@@ -301,9 +300,9 @@ def test_identity_tells_what_can_move_a_bit_and_nothing_else(monkeypatch):
     assert identity.differences({"environment": plain}, {"environment": identity.environment()}) == [
         "compiler flags: [] before, ['--xla_cpu_use_fusion_emitters=false'] now"
     ]
-    same = identity.identity_of(small.task())
-    assert identity.differences(same, identity.identity_of(small.task())) == []
-    assert identity.mark(same["experiment"]) == identity.mark(identity.identity_of(small.task())["experiment"])
+    first, second = identity.identity_of(small.task()), identity.identity_of(small.task())
+    assert identity.differences(first, second) == []
+    assert identity.fingerprint(first["experiment"]) == identity.fingerprint(second["experiment"])
 
 
 def test_a_folder_for_one_epoch(tmp_path):

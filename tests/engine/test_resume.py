@@ -21,7 +21,7 @@ from hypothesis import strategies as st
 
 import pl_mc
 from pl_mc.engine import checkpoint_store
-from pl_mc.engine.checkpoint_store import PartStore
+from pl_mc.engine.checkpoint_store import CheckpointStore
 from pl_mc.engine.task import SweepTask
 from pl_mc.input_errors import InputError
 from pl_mc.methods import Igg3, as_methods
@@ -115,10 +115,10 @@ def test_stopped_by_the_user_again_and_again(finished, stops, workers):
             kept = set(here.glob("part-*.parquet"))
             calls = iter(range(stop + 1))
 
-            def stopped(self, chunk, devices=1, calls=calls, stop=stop):
+            def stopped(self, chunk, *noise, devices=1, calls=calls, stop=stop):
                 if next(calls, stop) >= stop:
                     raise KeyboardInterrupt
-                return count(self, chunk, devices)
+                return count(self, chunk, *noise, devices=devices)
 
             with pytest.MonkeyPatch.context() as patch:
                 patch.setattr(SweepTask, "count", stopped)
@@ -179,7 +179,7 @@ def test_killed_at_any_moment(tmp_path):
         killed += process.returncode == -signal.SIGKILL
         # What stands under the name of a part is a whole part.
         with cut(2):
-            store = PartStore(here, small.task(methods=as_methods(("ls",))), resume=True)
+            store = CheckpointStore(here, small.task(methods=as_methods(("ls",))), resume=True)
             assert store.stored() == sorted(store.stored())
             for number in store.stored():
                 store.read(number)

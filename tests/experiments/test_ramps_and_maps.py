@@ -14,8 +14,7 @@ import pytest
 import pl_mc
 from pl_mc.engine import Execution
 from pl_mc.experiments.loading import build_experiment, field_problems, load_experiment
-from pl_mc.experiments.running import merge
-from pl_mc.experiments.running import run_experiment, run_shard
+from pl_mc.experiments.running import merge, run_experiment, run_shard
 from pl_mc.input_errors import InputError
 from pl_mc.studies.sweep import STUDY
 from reference.small_sweep import counted_calls, cut

@@ -17,8 +17,7 @@ from pl_mc.experiments.loading import build_experiment, load_experiment
 from pl_mc.experiments.running import run_experiment
 from pl_mc.input_errors import InputError
 from pl_mc.kernels import linear_model, start_from
-from pl_mc.methods import Igg3, method
-from pl_mc.methods.gated_igg3 import GatedIgg3
+from pl_mc.methods import GatedIgg3, Igg3, method
 from pl_mc.report.document import read_document
 from pl_mc.statistics import binomial_p_value
 from pl_mc.studies.variants import STUDY

@@ -15,9 +15,8 @@ from pl_mc.alert import LPV_200
 from pl_mc.faults import Faults, biases, no_fault, ramps
 from pl_mc.geometry.record import Geometry
 from pl_mc.input_errors import InputError
-from pl_mc.integrity_risk.budget.bias_sizes import Sizes
 from pl_mc.integrity_risk.budget.budget import risk_budget
-from pl_mc.integrity_risk.budget.fault_modes import Mode, fault_modes, not_monitored
+from pl_mc.integrity_risk.budget.fault_modes import Mode, Sizes, fault_modes, not_monitored
 from pl_mc.integrity_risk.worst.worst_case import worst_case
 from pl_mc.methods import Igg3
 from pl_mc.statistics import binomial_p_value, ls_rates
@@ -315,7 +314,7 @@ def test_bad_input() -> None:
         ({"pairs": -1}, "pairs: a whole number"),
         ({"samples_per_approach": 0}, "samples_per_approach: a whole number"),
         ({"target": 0.0}, "target: a positive number"),
-        ({"method": Igg3(), "alarm": "chi2"}, "alarm: 'chi2' is for exact least squares alone"),
+        ({"method": Igg3(), "alarm": "chi2"}, "alarm: 'chi2' is for exact laws.*igg3 has no exact_law"),
     ]
     for options, message in cases:
         with pytest.raises(InputError, match=message):

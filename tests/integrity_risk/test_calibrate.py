@@ -18,10 +18,13 @@ from pl_mc.alert import LPV_200, AlertLimits
 from pl_mc.faults import Faults, biases, no_fault
 from pl_mc.geometry.record import Geometry
 from pl_mc.input_errors import InputError
-from pl_mc.integrity_risk.k_factor.calibrate import calibrate, fewest_draws, order_bounds
+from pl_mc.integrity_risk.k_factor import from_curve
+from pl_mc.integrity_risk.k_factor.calibrate import calibrate
 from pl_mc.integrity_risk.k_factor.error_to_level_ratio import RatioState, ratio_state
-from pl_mc.integrity_risk.k_factor.exceedance_curve import TailCurve, tail_curve
+from pl_mc.integrity_risk.k_factor.from_curve import ExceedanceCurve, exceedance_curve
+from pl_mc.integrity_risk.k_factor.multiplier import fewest_draws, order_bounds
 from pl_mc.integrity_risk.k_factor.worst_fault import neediest_fault
+from pl_mc.integrity_risk.rare.importance import ImportanceRun
 from pl_mc.kernels import linear_model, start_from
 from pl_mc.methods import Igg3, Ls
 from pl_mc.statistics import binomial_p_value, ls_rates
@@ -77,7 +80,7 @@ def test_pooled_least_squares() -> None:
     assert each.min() < row["k_vertical"] < each.max()
 
 
-def test_a_target_that_every_multiplier_keeps() -> None:
+def test_a_target_that_every_k_factor_keeps() -> None:
     # Unavailable: an alarm always.
     g = random_series(np.random.default_rng(3), np.ones((1, 5), dtype=bool), "GGGCC")
     row = calibrate(g, target=1e-3).iloc[0]
@@ -127,7 +130,7 @@ def test_coverage_of_the_order_statistics() -> None:
 
 
 @pytest.mark.parametrize("event", ["exceeded", "misleading"])
-def test_counted_multiplier_of_what_is_least_squares(event: str) -> None:
+def test_counted_k_factor_of_what_is_least_squares(event: str) -> None:
     g = appendix_d(noise=3.0)
     faults = no_fault(g) + biases(g, {"G03": 20.0})
     exact = calibrate(g, faults=faults, event=event, target=3e-3)  # type: ignore[arg-type]
@@ -202,7 +205,7 @@ def _exact_estimator(g: Geometry, event: str, scatter: float):
 
 
 @pytest.mark.parametrize(("event", "scatter"), [("exceeded", 0.0), ("misleading", 0.0), ("misleading", 0.5)])
-def test_multiplier_by_rare_events(event: str, scatter: float) -> None:
+def test_k_factor_by_rare_events(event: str, scatter: float) -> None:
     g = appendix_d(noise=1.5)
     fault = biases(g, {"G03": 5.0})
     exact = calibrate(g, faults=fault, event=event, target=1e-7)["k_vertical"][0]  # type: ignore[arg-type]
@@ -260,7 +263,7 @@ def _state(fault: Faults | None = None, method=NEVER_REWEIGHTS) -> RatioState:
     return ratio_state(g, no_fault(g) if fault is None else fault, method, "misleading", LPV_200)
 
 
-def test_the_ratio_decides_the_event_at_every_multiplier() -> None:
+def test_the_ratio_decides_the_event_at_every_k_factor() -> None:
     """Against the methods themselves: error and level of each draw, and an alarm where the level passes VAL."""
     g = appendix_d(noise=6.0)
     fault = biases(g, {"G03": 30.0})
@@ -286,17 +289,17 @@ def test_the_ratio_decides_the_event_at_every_multiplier() -> None:
 
 
 @pytest.fixture(scope="module")
-def curve() -> TailCurve:
+def curve() -> ExceedanceCurve:
     """Of what is least squares, fault-free, down to 1e-7."""
     options = {"target": 1e-7, "target_cov": 0.1, "most_evaluations": 10**7, "size": 2048, "fewest": 10}
-    return tail_curve(_state(), np.random.default_rng(8), **options)  # type: ignore[arg-type]
+    return exceedance_curve(_state(), np.random.default_rng(8), **options)  # type: ignore[arg-type]
 
 
-def test_the_curve_is_exact_for_least_squares(curve: TailCurve) -> None:
+def test_the_curve_is_exact_for_least_squares(curve: ExceedanceCurve) -> None:
     g = appendix_d(noise=1.5)
     for target in (1e-2, 1e-4, 1e-6, 1e-7):
         exact = calibrate(g, event="misleading", target=target)["k_vertical"][0]
-        k, low, high = curve.multiplier(target, 1 - 1e-5)
+        k, low, high = curve.k_factor(target, 1 - 1e-5)
         assert low < exact < high
         assert low < k < high
         value, error = curve.at(exact)
@@ -309,19 +312,19 @@ def test_the_curve_is_exact_for_least_squares(curve: TailCurve) -> None:
 
 def test_the_ends_of_a_curve() -> None:
     k = np.array([1.0, 2.0, 4.0])
-    short = TailCurve(k, np.array([1e-2, 1e-3, 1e-4]), np.array([1e-3, 1e-4, 5e-5]), 6, 100)
-    middle, low, high = short.multiplier(1e-3, 0.95)
+    short = ExceedanceCurve(k, np.array([1e-2, 1e-3, 1e-4]), np.array([1e-3, 1e-4, 5e-5]), 6, 100)
+    middle, low, high = short.k_factor(1e-3, 0.95)
     assert middle == pytest.approx(2.0)
     assert low < middle < high
     # Beyond the last point nothing is known.
-    assert np.isnan(short.multiplier(1e-5, 0.95)[0])
-    assert short.multiplier(1e-5, 0.95)[2] == np.inf
+    assert np.isnan(short.k_factor(1e-5, 0.95)[0])
+    assert short.k_factor(1e-5, 0.95)[2] == np.inf
     # The target lies within the curve but not within its upper bound.
-    assert short.multiplier(1.1e-4, 0.95)[2] == np.inf
+    assert short.k_factor(1.1e-4, 0.95)[2] == np.inf
     assert short.at(2.0) == pytest.approx((1e-3, 1e-4))
 
 
-def test_multiplier_from_a_curve_and_its_check() -> None:
+def test_k_factor_from_a_curve_and_its_check() -> None:
     """What is least squares under another name, to the exact multiplier, and borne out by importance sampling."""
     g = appendix_d(noise=1.5)
     fault = biases(g, {"G03": 5.0})
@@ -353,9 +356,6 @@ def test_multiplier_from_a_curve_and_its_check() -> None:
 
 
 def test_two_estimates_that_disagree_give_no_number(monkeypatch: pytest.MonkeyPatch) -> None:
-    from pl_mc.integrity_risk import multiplier_curve
-    from pl_mc.integrity_risk.rare.importance import ImportanceRun
-
     def half(limit, rng, **options) -> ImportanceRun:
         return ImportanceRun(2e-5, 2e-7, 500.0, 1e4, 1e-3, 1000)
 
@@ -364,8 +364,8 @@ def test_two_estimates_that_disagree_give_no_number(monkeypatch: pytest.MonkeyPa
 
     given_options = {"target": 1e-4, "confidence": 0.95, "key": (1, 0), "name": "test", "target_cov": 0.2}
     for stand_in, words in ((half, "importance sampling found 2e-05"), (none, "never met the event")):
-        monkeypatch.setattr(multiplier_curve, "importance_sampling", stand_in)
-        found = multiplier_curve.from_curve(_state(), most_evaluations=800_000, **given_options).found  # type: ignore[arg-type]
+        monkeypatch.setattr(from_curve, "importance_sampling", stand_in)
+        found = from_curve.from_curve(_state(), most_evaluations=800_000, **given_options).found  # type: ignore[arg-type]
         assert np.isnan(found.k)
         assert (found.low, found.high) == (0.0, np.inf)
         assert words in found.warning
@@ -396,12 +396,12 @@ def test_bad_input() -> None:
             return Ls().solve(model, prepared, start)
 
     cases: list[tuple[dict, str]] = [
-        ({"target": 0.0}, "target: a positive number"),
+        ({"target": 0.0}, "target: it lies between 0 and 1"),
         ({"target": 1.0}, "target: it lies between 0 and 1"),
         ({"confidence": 1.5}, "confidence: it lies between 0 and 1"),
         ({"event": "missed"}, "event: 'missed' is unknown"),
         ({"method": "ig3"}, "method: 'ig3' is unknown"),
-        ({"method": Without()}, "method: without has no multiplier k_vertical"),
+        ({"method": Without()}, "method: without has no scales_with_k"),
         ({"draws": 0}, "draws: a whole number"),
         ({"seed": -1}, "seed"),
         ({"faults": [1.0]}, "faults: use ramp"),
@@ -423,5 +423,5 @@ def test_bad_input() -> None:
 
 @pytest.mark.parametrize("method", ["parity", "max_dop", "leave_one_out"])
 def test_levels_that_are_no_multiple_cannot_be_calibrated(method):
-    with pytest.raises(pl_mc.InputError, match="no multiple of k_vertical"):
+    with pytest.raises(pl_mc.InputError, match="with other options max_dop, parity, leave_one_out"):
         pl_mc.calibrate(appendix_d(), method=method, target=1e-2)

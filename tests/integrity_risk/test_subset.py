@@ -24,7 +24,7 @@ def test_the_mean_of_populations_is_the_probability(known: Known) -> None:
 @pytest.mark.parametrize("noise", [1.0, 2.0])
 def test_a_population_ends_distributed_as_the_noise_in_the_event(noise: float) -> None:
     """In the coordinate that makes the event an exponential tail, in the others the normal distribution."""
-    run = climb(HALF_SPACE, np.random.default_rng(8), size=4096, dimension=6, active=5, noise=noise)
+    run = climb(HALF_SPACE, np.random.default_rng(8), size=4096, noise=noise)
     assert run.reached
     assert (run.points[:, 0] > 5.0).all()
     # E[z | z > 5] = phi(5) / Q(5). Points of one population depend on each other: a tenth of them is a safe number
@@ -38,10 +38,7 @@ def test_a_population_ends_distributed_as_the_noise_in_the_event(noise: float) -
 def test_stronger_noise_finds_an_event_that_nothing_points_to() -> None:
     """From the nominal noise few points see the event at the start; the estimates agree all the same."""
     found = [
-        np.exp(
-            climb(PLATEAU, np.random.default_rng(k), size=4096, dimension=3, active=2, noise=2.0).log_probability
-        )
-        for k in range(8)
+        np.exp(climb(PLATEAU, np.random.default_rng(k), size=4096, noise=2.0).log_probability) for k in range(8)
     ]
     error = np.std(found, ddof=1) / np.sqrt(8)
     assert abs(np.mean(found) - PLATEAU.probability) < stats.t.isf(0.5e-4, 7) * error
@@ -54,14 +51,14 @@ def test_what_cannot_be_reached_is_said_to_be_so() -> None:
     )
     assert run.probability == 0.0
     assert run.evaluations <= 400_000
-    flat = climb(lambda z: np.full(len(z), -1.0), np.random.default_rng(9), size=64, dimension=2, active=2)
+    flat = climb(Known(lambda z: np.full(len(z), -1.0), 0.0, 2), np.random.default_rng(9), size=64)
     assert not flat.reached
     assert flat.points.shape == (0, 2)
     assert flat.evaluations == 64
 
 
 def test_a_budget_is_kept() -> None:
-    run = climb(HALF_SPACE, np.random.default_rng(10), size=512, dimension=6, active=5, most_evaluations=10_000)
+    run = climb(HALF_SPACE, np.random.default_rng(10), size=512, most_evaluations=10_000)
     assert not run.reached
     assert run.evaluations <= 10_000
 

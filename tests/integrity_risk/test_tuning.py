@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import dataclasses
+import sys
 
 import jax
 import numpy as np
@@ -13,13 +14,15 @@ from scipy import stats
 import pl_mc
 from pl_mc.geometry.record import Geometry
 from pl_mc.input_errors import InputError
-from pl_mc.integrity_risk.tuning import tune as tuning
 from pl_mc.integrity_risk.tuning.draws import weighted_noise
 from pl_mc.integrity_risk.tuning.objective import TuningProblem, WeightedNoise, cost, weighted_quantile
 from pl_mc.integrity_risk.tuning.tune import tune
 from pl_mc.kernels import Igg3Weight, linear_model, start_from
 from pl_mc.methods import Igg3
 from reference.problems import appendix_d
+
+# The room exports the function under the name of its file.
+TUNE = sys.modules[tune.__module__]
 
 DRAWS = 4096
 TARGET = 1e-2
@@ -87,7 +90,7 @@ def test_gradient_against_differences(g: Geometry, objective: str, limits: tuple
         assert (above - below) / (2.0 * step) == pytest.approx(slope[k], rel=1e-4, abs=2e-5)
 
 
-def test_the_smoothed_multiplier_comes_to_the_quantile(g: Geometry) -> None:
+def test_the_smoothed_k_factor_comes_to_the_quantile(g: Geometry) -> None:
     noise = _noise(g)
     limits = np.array([1.5, 5.0])
     _, _, k = _problem(g, step=1e-4).smooth(limits, noise)
@@ -178,7 +181,7 @@ def test_a_rare_target(g: Geometry, monkeypatch: pytest.MonkeyPatch) -> None:
         "target": 1e-3, "faults": faults, "draws": DRAWS, "search_draws": 2048, "steps": 4, "grid": 0, "seed": 7,
         "target_cov": 0.2, "max_evaluations": 1_000_000,
     }  # fmt: skip
-    monkeypatch.setattr(tuning, "_STARTS", ())
+    monkeypatch.setattr(TUNE, "_STARTS", ())
     rows = tune(g, **rare).set_index("limits")
     assert list(rows.index) == ["start", "tuned"]
     assert (rows["found"] == "rare events").all()
@@ -199,8 +202,8 @@ def test_a_rare_target(g: Geometry, monkeypatch: pytest.MonkeyPatch) -> None:
     assert (rows["alarms"] / rows["draws"] == rows["alarm_rate"]).all()
 
     # Where the search has no ground to stand on there is a sentence and no number.
-    monkeypatch.setattr(tuning, "_LEAST_EFFECTIVE", 1e9)
-    monkeypatch.setattr(tuning, "estimated_limits", lambda *_, **__: tuning.unknown_limits("not asked"))
+    monkeypatch.setattr(TUNE, "_LEAST_EFFECTIVE", 1e9)
+    monkeypatch.setattr(TUNE, "estimated_limits", lambda *_, **__: TUNE.unknown_limits("not asked"))
     degenerate = tune(g, **(rare | {"steps": 1, "parameters": "k1", "search_draws": 1024}))
     assert degenerate.attrs["method"] is None
     assert np.isnan(degenerate["objective"].iloc[1])

@@ -215,7 +215,7 @@ def test_without_reweighting_the_robust_estimate_is_least_squares():
     assert_same(outcome(far, *scenarios()), outcome(Ls(), *scenarios()))
 
 
-def test_the_multipliers_multiply():
+def test_the_k_factors_multiply():
     for cls in (Ls, Igg3):
         plain, other = outcome(cls(), *scenarios()), outcome(cls(k_vertical=10.66, k_horizontal=3.09), *scenarios())
         np.testing.assert_allclose(other.vpl_m, 2 * plain.vpl_m, rtol=1e-14)

@@ -279,7 +279,7 @@ def test_names_tell_all_and_whole_numbers_are_the_same_record() -> None:
         (lambda: StudentT(2.0), "nu: above 2 is needed .* not 2.0; with match 'core'"),
         (lambda: StudentT(0.5, "core"), "nu: at least 1 is needed, not 0.5"),
         (lambda: StudentT(4.0, "sigmas"), "match: 'sigmas' is unknown .nearest: sigma"),
-        (lambda: GaussianMixture(0.0), "chance: a number above 0 and below 1 is needed, not 0.0"),
+        (lambda: GaussianMixture(0.0), "chance: it lies between 0 and 1, both excluded, not 0.0"),
         (lambda: GaussianMixture(0.1, 1.0), "scale: a number above 1 .* not 1.0"),
         (lambda: Multipath(0.1, -1.0), "size: a positive number is needed, not -1.0"),
         (lambda: Multipath(1.5), "chance: .* at most 1 is needed, not 1.5"),

@@ -12,6 +12,7 @@ import pytest
 
 import pl_mc
 from pl_mc.engine import EVENTS, Execution, plan, run_sweep
+from pl_mc.engine.calls import Chunk
 from pl_mc.engine.noise import LANES
 from pl_mc.engine.task import SweepTask
 from pl_mc.methods import Igg3, as_methods
@@ -70,14 +71,14 @@ def cut(per_part: int, per_call: int = PER_CALL) -> Iterator[None]:
 
 
 @contextmanager
-def counted_calls() -> Iterator[list[plan.Chunk]]:
+def counted_calls() -> Iterator[list[Chunk]]:
     """A list of the calls that are computed in this scope."""
-    calls: list[plan.Chunk] = []
+    calls: list[Chunk] = []
     count = SweepTask.count
 
-    def noted(self: SweepTask, chunk: plan.Chunk, devices: int = 1):
+    def noted(self: SweepTask, chunk: Chunk, *noise: np.int32, devices: int = 1):
         calls.append(chunk)
-        return count(self, chunk, devices)
+        return count(self, chunk, *noise, devices=devices)
 
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr(SweepTask, "count", noted)

@@ -12,7 +12,8 @@ import pytest
 
 import pl_mc
 from pl_mc import AlertLimits, InputError
-from pl_mc.engine import Execution, identity
+from pl_mc.engine import Execution
+from pl_mc.engine import part_task as identity
 from pl_mc.experiments.loading import build_experiment
 from pl_mc.experiments.running import merge, run_experiment, run_shard
 from pl_mc.geometry.frames import from_geodetic

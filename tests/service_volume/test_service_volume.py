@@ -21,11 +21,11 @@ from pl_mc.geometry.frames import from_geodetic
 from pl_mc.geometry.gps_time import gps_seconds
 from pl_mc.geometry.record import UP
 from pl_mc.methods import METHODS, Araim, Ls, Parity, WTest, method
+from pl_mc.methods.capabilities import levels_from_geometry
 from pl_mc.service.continuity import as_durations, continuity, run_counts
 from pl_mc.service.counting import weighted_rate
-from pl_mc.service.grid import world_grid
-from pl_mc.service.levels import levels_from_geometry, levels_of_batch
-from pl_mc.service.sky import Geometries, WorldSky
+from pl_mc.service.levels import levels_of_batch
+from pl_mc.service.sky import Geometries, WorldSky, world_grid
 from pl_mc.service.volume import epoch_count, service_volume
 from pl_mc.statistics import clopper_pearson
 from reference import araim_numpy as reference

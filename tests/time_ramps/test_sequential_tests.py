@@ -41,6 +41,8 @@ LEVEL, SIGMAS = 1e-5, 4.5
 # Compiled as wholes: operation by operation they would take longer.
 RATIO = jax.jit(largest_ratio)
 NUMBERS = jax.jit(jax.vmap(step_numbers, in_axes=(None, 0, None, None)), static_argnums=(2, 3))
+# Parity tests stand before filters.
+FILTERS = slice(len(PARITY), None)
 MAKE = jax.jit(lambda plan, seed, purpose, block: fault_free_signals(plan, pass_key(seed, purpose, block)))
 
 
@@ -106,14 +108,16 @@ def limit(dof: int, rows: Rows) -> float:
 @pytest.mark.parametrize("epoch", [25, EPOCHS - 1])
 def test_the_accumulated_parity_statistic_is_chi_square(case: Case, which: int, epoch: int) -> None:
     dof = round(float(np.trace(residual_maps(case.rows)[epoch])))
-    found = statistic(case, case.plan.parities[which], case.signals.residual_sum, epoch) * limit(dof, case.rows)
+    found = statistic(case, case.plan.sequential[which].tests, case.signals.sums[which], epoch) * limit(
+        dof, case.rows
+    )
     assert stats.kstest(found, stats.chi2(dof).cdf).pvalue > LEVEL
 
 
 @pytest.mark.parametrize("which", [0, 1])
 def test_its_detection_probability_is_the_noncentral_chi_squares(case: Case, which: int) -> None:
     epoch, rows = EPOCHS - 1, case.rows
-    window = case.plan.parities[which].samples[0]
+    window = case.plan.sequential[which].tests.samples[0]
     maps = residual_maps(rows)
     ramp = unit_ramp_m(rows, SATELLITE, ONSET) / rows.sigma_m
     # Everything anew, by dense matrices: the sum of residuals, its covariance, its pseudoinverse on parity space.
@@ -130,7 +134,9 @@ def test_its_detection_probability_is_the_noncentral_chi_squares(case: Case, whi
     dof = basis.shape[1]
     rate = float(np.sqrt(8.0 / unit))
     expected = stats.ncx2.sf(limit(dof, rows), dof, 8.0)
-    found = int((statistic(case, case.plan.parities[which], case.signals.residual_sum, epoch, rate) > 1.0).sum())
+    found = int(
+        (statistic(case, case.plan.sequential[which].tests, case.signals.sums[which], epoch, rate) > 1.0).sum()
+    )
     assert 0.2 < expected < 0.9
     assert binomial_p_value(found, BLOCKS * LANES, expected) > LEVEL
 
@@ -150,7 +156,7 @@ def test_the_covariance_of_a_sum_is_that_of_the_double_sum(rows: Rows, correlati
 
 
 def test_innovations_have_their_covariance_and_no_memory(case: Case) -> None:
-    for plan, total in zip(case.plan.filters, case.signals.pulled_sum, strict=True):
+    for plan, total in zip(case.plan.sequential[FILTERS], case.signals.sums[FILTERS], strict=True):
         before = None
         for epoch in (26, 27):
             weight = np.asarray(plan.weight)[epoch]
@@ -169,16 +175,16 @@ def test_innovations_have_their_covariance_and_no_memory(case: Case) -> None:
 
 @pytest.mark.parametrize("which", [0, 1])
 def test_the_innovation_statistic_is_chi_square_and_noncentral(case: Case, which: int) -> None:
-    epoch, plan = EPOCHS - 1, case.plan.filters[which]
+    epoch, plan = EPOCHS - 1, case.plan.sequential[FILTERS][which]
     window = plan.tests.samples[0]
     dof = int(case.rows.in_view[epoch - window + 1 : epoch + 1].any(axis=0).sum())
     bound = limit(dof, case.rows)
-    found = statistic(case, plan.tests, case.signals.pulled_sum[which], epoch) * bound
+    found = statistic(case, plan.tests, case.signals.sums[FILTERS][which], epoch) * bound
     assert stats.kstest(found, stats.chi2(dof).cdf).pvalue > LEVEL
     unit = bound * float((np.asarray(plan.tests.response)[epoch - ONSET, 0] ** 2).sum())
     expected = stats.ncx2.sf(bound, dof, 8.0)
     rate = float(np.sqrt(8.0 / unit))
-    detected = int((statistic(case, plan.tests, case.signals.pulled_sum[which], epoch, rate) > 1.0).sum())
+    detected = int((statistic(case, plan.tests, case.signals.sums[FILTERS][which], epoch, rate) > 1.0).sum())
     assert binomial_p_value(detected, BLOCKS * LANES, expected) > LEVEL
 
 
@@ -203,7 +209,7 @@ def numpy_filter(test: KalmanInnovation, case: Case, lane: int, ramp_rate: float
     key = pass_key(np.uint32(7), np.uint32(0), np.uint32(0))
     transition, root, start = motion_model(test, rows.design.shape[2], rows.interval_s)
     base, count = len(start), len(rows.names)
-    motions = max(plan.base for plan in case.plan.filters)
+    motions = max(plan.base for plan in case.plan.sequential[FILTERS])
     phi = noise.correlation(rows.interval_s)
     f = np.block([[transition, np.zeros((base, count))], [np.zeros((count, base)), phi * np.eye(count)]])
     q = np.zeros_like(f)
@@ -232,13 +238,13 @@ def numpy_filter(test: KalmanInnovation, case: Case, lane: int, ramp_rate: float
 
 @pytest.mark.parametrize("which", [0, 1])
 def test_the_filter_is_that_of_a_plain_reference(case: Case, which: int) -> None:
-    plan: FilterPlan = case.plan.filters[which]
+    plan: FilterPlan = case.plan.sequential[FILTERS][which]
     lane = 17
     free, up = numpy_filter(KALMAN[which], case, lane, 0.0)
-    found = case.signals.pulled_sum[which][:, :, lane]
+    found = case.signals.sums[FILTERS][which][:, :, lane]
     # Sums over the pass of numbers of size 1 / m; the reference subtracts variances of 1e6 m^2.
     np.testing.assert_allclose(found, np.cumsum(free, axis=0), atol=1e-6)
-    np.testing.assert_allclose(case.signals.up_m[which][:, lane], up, atol=1e-6)
+    np.testing.assert_allclose(case.signals.up_m[FILTERS][which][:, lane], up, atol=1e-6)
     rate = 0.05
     ramped, up_ramped = numpy_filter(KALMAN[which], case, lane, rate)
     np.testing.assert_allclose(up_ramped - up, rate * np.asarray(plan.up_m), atol=1e-6)
@@ -248,7 +254,7 @@ def test_the_filter_is_that_of_a_plain_reference(case: Case, which: int) -> None
     summed = np.asarray(plan.weight)[epoch - window + 1 : epoch + 1].sum(axis=0)
     seen = np.flatnonzero(np.diag(summed))
     expected = total[seen] @ np.linalg.solve(summed[np.ix_(seen, seen)], total[seen])
-    ratio = statistic(case, plan.tests, case.signals.pulled_sum[which], epoch, rate)[lane]
+    ratio = statistic(case, plan.tests, case.signals.sums[FILTERS][which], epoch, rate)[lane]
     np.testing.assert_allclose(ratio * limit(len(seen), case.rows), expected, rtol=1e-6)
 
 
@@ -272,6 +278,6 @@ def test_a_filter_without_coloured_states_takes_errors_as_white(rows: Rows) -> N
             pass_plan((dataclasses.replace(KALMAN[0], coloured=coloured),), rows, noise, ramp, ONSET, 35.0)
             for coloured in (True, False)
         ]
-        base = plans[0].filters[0].base
-        first, second = (np.asarray(plan.filters[0].gain)[5:, :base] for plan in plans)
+        base = plans[0].sequential[0].base
+        first, second = (np.asarray(plan.sequential[0].gain)[5:, :base] for plan in plans)
         assert np.allclose(first, second, atol=1e-6) is same

@@ -9,12 +9,12 @@ import jax
 import numpy as np
 import pandas as pd
 import pytest
+from pl_mc.studies.time_ramps.text import comparable
 
 import pl_mc
 from pl_mc.experiments.loading import build_experiment
 from pl_mc.experiments.running import run_experiment
 from pl_mc.input_errors import InputError
-from pl_mc.studies.time_ramps.text import comparable
 from pl_mc.time_ramps import KalmanInnovation, SequentialParity, time_to_alert
 from pl_mc.time_ramps.passes import Watched, watch_sample
 from pl_mc.time_ramps.signals import pass_key, step_numbers
@@ -144,15 +144,16 @@ def test_thresholds_leave_the_share_beyond_them(p_fa: float) -> None:
     ("changed", "message"),
     [
         ({"satellite": "G1"}, "satellite: 'G1' is unknown"),
-        ({"methods": ("igg3_gated",)}, "igg3_gated.*is unknown|has no statistic"),
-        ({"methods": (pl_mc.methods.Sbas(),)}, "has no statistic whose threshold could be moved"),
+        ({"methods": ("igg",)}, "method: 'igg' is unknown"),
+        ({"methods": ("nioraim",)}, "methods: nioraim has no statistic"),
+        ({"methods": (pl_mc.methods.Sbas(),)}, "methods: sbas has no statistic"),
         ({"methods": (SequentialParity((500.0,)),)}, "is not full when the ramp begins at 100 s; nearest: 100 s"),
         ({"methods": (SequentialParity((15.0,)),)}, "a whole number of intervals of 10 s"),
         ({"rates_m_per_s": [1.0, 1.0]}, "one row of different finite rates"),
         ({"tau_s": -1.0}, "tau_s: a correlation time of at least 0 s"),
         ({"share": 1.0}, "share: a share of the variance from 0 to 0.999"),
         ({"onset_s": 390.0}, "onset_s: it lies between"),
-        ({"p_fa": 0.0}, "p_fa: a number between 0 and 1"),
+        ({"p_fa": 0.0}, "p_fa: it lies between 0 and 1"),
         ({"calibration_draws": 10}, "calibration_draws: a whole number from 200"),
     ],
 )

@@ -11,10 +11,9 @@ from numpy.typing import ArrayLike, NDArray
 
 from pl_mc.araim.budget import Budget
 from pl_mc.araim.modes import UNMONITORED
+from pl_mc.arrays import FloatArray
 from pl_mc.geometry.record import POSITION_UNKNOWNS, SYSTEM_NAMES
 from pl_mc.input_errors import InputError, nearest, require_choice, require_number
-
-FloatArray = NDArray[np.float64]
 
 
 @dataclass(frozen=True)
@@ -43,17 +42,10 @@ class Batch:
 
 
 def as_batch(
-    design: ArrayLike,
-    c_int: ArrayLike,
-    c_acc: ArrayLike,
-    systems: Sequence[str] | Sequence[Sequence[str]],
-    b_nom: ArrayLike,
-    p_sat: ArrayLike,
-    p_const: Mapping[str, float],
-    budget: Budget,
-    unmonitored: str,
+    design: ArrayLike, c_int: ArrayLike, c_acc: ArrayLike, systems: Sequence[str] | Sequence[Sequence[str]],
+    b_nom: ArrayLike, p_sat: ArrayLike, p_const: Mapping[str, float], budget: Budget, unmonitored: str,
     in_view: ArrayLike | None,
-) -> Batch:
+) -> Batch:  # fmt: skip
     """The batch; an `InputError` says what does not fit."""
     if not isinstance(budget, Budget):
         raise InputError(f"budget: a budget such as pl_mc.araim.LPV_200 is needed, not {type(budget).__name__}.")
@@ -83,17 +75,9 @@ def as_batch(
     p = _spread("p_sat", _numbers("p_sat", p_sat), g, n)
     if not ((p >= 0) & (p < 1))[seen].all():
         raise InputError("p_sat: a prior probability lies between 0 and 1, 1 excluded.")
-    return Batch(
-        design=np.where(seen[..., None], rows, 0.0),
-        in_view=seen,
-        c_int=variances[0],
-        c_acc=variances[1],
-        b_nom=np.where(seen, bias, 0.0),
-        p_sat=np.where(seen, p, 0.0),
-        systems=letters,
-        p_const=_constellations(p_const, letters),
-        single=single,
-    )
+    rows, bias, p = np.where(seen[..., None], rows, 0.0), np.where(seen, bias, 0.0), np.where(seen, p, 0.0)
+    c_int, c_acc = variances
+    return Batch(rows, seen, c_int, c_acc, bias, p, letters, _constellations(p_const, letters), single)
 
 
 def _numbers(field: str, value: ArrayLike) -> FloatArray:
@@ -128,9 +112,8 @@ def _letters(systems: Any, seen: NDArray[np.bool_]) -> NDArray[np.str_]:
         raise InputError(f"systems: it cannot be read as RINEX letters ({error}).") from None
     if given.ndim == 1 and given.shape == (g,) and g != n:
         # A sequence of words, "GGGEEE" for each geometry.
-        given = (
-            np.array([list(word) for word in given.tolist()]) if {len(w) for w in given.tolist()} == {n} else given
-        )
+        words = given.tolist()
+        given = np.array([list(word) for word in words]) if {len(word) for word in words} == {n} else given
     if given.shape not in ((n,), (g, n)):
         raise InputError(f"systems: one RINEX letter for each of the {n} rows is needed, not shape {given.shape}.")
     letters = np.where(seen, np.broadcast_to(given, (g, n)), "")

@@ -17,13 +17,11 @@ from numpy.typing import ArrayLike, NDArray
 from pl_mc.araim.batch import Batch, as_batch
 from pl_mc.araim.budget import LPV_200, Budget
 from pl_mc.araim.modes import CONTAINED, FaultModes, fault_modes
-from pl_mc.araim.solving import Levels, solve_levels
-from pl_mc.araim.subsets import fit_subsets
+from pl_mc.araim.solving import Levels, fit_subsets, solve_levels
+from pl_mc.arrays import FloatArray
 from pl_mc.geometry.record import EAST, NORTH, POSITION_UNKNOWNS, UP
 from pl_mc.runtime.precision import precision_scope
 from pl_mc.runtime.threads import cores, in_order
-
-FloatArray = NDArray[np.float64]
 
 # Geometries side by side: few enough for the caches, many enough for the vector units.
 TILE = 64
@@ -107,9 +105,12 @@ def protection_levels(
     batch = as_batch(design, c_int, c_acc, systems, b_nom, p_sat, p_const, budget, unmonitored, in_view)
     found, pattern = _patterns(batch, budget, unmonitored)
     g, n = batch.in_view.shape
-    most = max(1, max(len(modes.probability) for modes in found))
-    widths = _widths(np.array([len(modes.probability) for modes in found]))
-    excluded, prior = _padded(found, int(widths.max()), n)
+    numbers = np.array([len(modes.probability) for modes in found])
+    most, widths = max(1, int(numbers.max())), _widths(numbers)
+    # Satellites of the modes (patterns, width, n) and their priors (patterns, width), zero beyond the last.
+    excluded, prior = np.zeros((len(found), widths.max(), n), dtype=bool), np.zeros((len(found), widths.max()))
+    for k, modes in enumerate(found):
+        excluded[k, : numbers[k]], prior[k, : numbers[k]] = modes.excluded, modes.probability
     scalars = {field: np.empty(g) for field in ("emt_m", "sigma_v_acc_m", "p_not_monitored")}
     level, available = np.empty((3, g)), np.empty(g, dtype=bool)
     threshold = np.full((g, most, 3), np.inf)
@@ -152,9 +153,8 @@ def _patterns(batch: Batch, budget: Budget, unmonitored: str) -> tuple[list[Faul
     if (batch.p_sat[batch.in_view] != batch.p_sat.max()).any():
         parts.append(np.ascontiguousarray(batch.p_sat).view(np.int8))
     keys = np.ascontiguousarray(np.concatenate(parts, axis=1))
-    _, first, pattern = np.unique(
-        keys.view(np.dtype((np.void, keys.shape[1])))[:, 0], return_index=True, return_inverse=True
-    )
+    words = keys.view(np.dtype((np.void, keys.shape[1])))[:, 0]
+    _, first, pattern = np.unique(words, return_index=True, return_inverse=True)
     found = [
         fault_modes(batch.systems[k].tolist(), clocks[k], batch.p_sat[k], batch.p_const, budget, unmonitored)
         for k in first
@@ -172,16 +172,6 @@ def _widths(modes: NDArray[np.int64]) -> NDArray[np.int64]:
         largest = 8 * -(-largest // 32)
         widths = np.where(modes <= largest, largest, widths)
     return widths
-
-
-def _padded(found: list[FaultModes], width: int, n: int) -> tuple[NDArray[np.bool_], FloatArray]:
-    """Satellites of the modes (patterns, width, n) and their priors (patterns, width), zero beyond the last."""
-    excluded = np.zeros((len(found), width, n), dtype=bool)
-    prior = np.zeros((len(found), width))
-    for k, modes in enumerate(found):
-        excluded[k, : len(modes.probability)] = modes.excluded
-        prior[k, : len(modes.probability)] = modes.probability
-    return excluded, prior
 
 
 def _parts(widths: NDArray[np.int64]) -> Iterator[tuple[int, NDArray[np.intp]]]:
@@ -222,16 +212,9 @@ def _flat(given: Array) -> NDArray:
 
 @functools.partial(jax.jit, static_argnames="budget")
 def _solve(
-    design: Array,
-    in_view: Array,
-    bias_ratio: Array,
-    accuracy_ratio: Array,
-    excluded: Array,
-    prior: Array,
-    unknown: Array,
-    *,
-    budget: Budget,
-) -> Levels:
+    design: Array, in_view: Array, bias_ratio: Array, accuracy_ratio: Array, excluded: Array, prior: Array,
+    unknown: Array, *, budget: Budget,
+) -> Levels:  # fmt: skip
     """The levels of tiles of geometries, which run along the last axis.
 
     Args:

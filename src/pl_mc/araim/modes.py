@@ -116,21 +116,15 @@ def fault_modes(
         shared = ~chosen & held
         holders = _holders(sets[shared], sets[chosen])
         probability = probability + (prior[shared] / holders.sum(axis=1)) @ holders
-    return FaultModes(
-        excluded=sets[chosen],
-        probability=probability,
-        p_no_fault=p_no_fault,
-        p_not_monitored=max(left(), 0.0),
-    )
+    return FaultModes(sets[chosen], probability, p_no_fault, max(left(), 0.0))
 
 
 def _holders(sets: NDArray[np.bool_], modes: NDArray[np.bool_]) -> NDArray[np.bool_]:
     """(sets, modes), whether all satellites of a set belong to a mode."""
-    return (
-        np.stack([~sets[:, ~mode].any(axis=1) for mode in modes], axis=1)
-        if len(modes)
-        else np.zeros((len(sets), 0), dtype=bool)
-    )
+    held = np.zeros((len(sets), len(modes)), dtype=bool)
+    for k, mode in enumerate(modes):
+        held[:, k] = ~sets[:, ~mode].any(axis=1)
+    return held
 
 
 def _combinations(

@@ -19,12 +19,9 @@ from pl_mc.statistics.intervals import clopper_pearson, shared_noise_bounds
 
 @dataclass(frozen=True)
 class Difference:
-    """How far a computation is from the NumPy form on the same observations.
+    """How far a computation (``what``) is from the NumPy form on the same observations.
 
     Attributes:
-        what: the computation.
-        precision: its precision.
-        method: the method.
         quantity: ``VPL`` or ``vertical error``.
         scenarios: observations compared, those with a solution in both.
         median_m, largest_m: of the absolute differences [m].
@@ -58,7 +55,6 @@ class EventRate:
     """The rate of an event over the whole ramp in one precision, with 95 % bounds.
 
     Attributes:
-        method, event, precision: whose.
         count: events seen; draws: draws of all faults; independent_draws: draws of noise behind them.
         rate, low, high: as `pl_mc.statistics.intervals.shared_noise_bounds` gives them.
     """
@@ -81,9 +77,11 @@ def solved(g: Geometry, errors_m: NDArray[np.float64], precision: str) -> dict[s
         design=np.repeat(g.design[None], many, axis=0), sigma_m=np.repeat(g.sigma_m[None], many, axis=0),
         in_view=np.ones(errors_m.shape, dtype=bool), names=g.names, systems=g.systems, clocks=g.clocks,
     )  # fmt: skip
-    table = pl_mc.solve(series, errors_m, precision=precision).astype({"available": bool})
+    table = pl_mc.solve(series, errors_m, precision=precision)
     return {
-        str(name): NumpyOutcome(rows.up_m.to_numpy(float), rows.vpl_m.to_numpy(float), rows.available.to_numpy())
+        str(name): NumpyOutcome(
+            rows.up_m.to_numpy(float), rows.vpl_m.to_numpy(float), rows.available.to_numpy(bool)
+        )
         for name, rows in table.groupby("method", sort=False)
     }
 
@@ -97,13 +95,11 @@ def differences(
         other = reference[method]
         both = outcome.available & other.available
         alone = int((outcome.available != other.available).sum())
-        for quantity, one, two in (
-            ("VPL", outcome.vpl_m, other.vpl_m),
-            ("vertical error", outcome.vertical_error_m, other.vertical_error_m),
-        ):
-            size = np.abs(one - two)[both] if both.any() else np.zeros(1)
+        for quantity, field in (("VPL", "vpl_m"), ("vertical error", "vertical_error_m")):
+            by_m = np.abs(getattr(outcome, field)[both] - getattr(other, field)[both])
+            size = by_m if by_m.size else np.zeros(1)
             median, largest = float(np.median(size)), float(size.max())
-            rows.append(Difference(what, precision, method, quantity, int(both.sum()), median, largest, alone))
+            rows.append(Difference(what, precision, method, quantity, int(by_m.size), median, largest, alone))
     return rows
 
 
@@ -130,18 +126,16 @@ def event_rates(tables: Mapping[str, pd.DataFrame]) -> list[EventRate]:
             for event in EVENTS:
                 count = int(some[event.count].sum())
                 # All faults saw the same draws of noise.
-                rate = count / draws
-                low, high = map(float, shared_noise_bounds(rate, independent))
-                rows.append(
-                    EventRate(str(method), event.name, precision, count, draws, independent, rate, low, high)
-                )
+                low, high = shared_noise_bounds(count / draws, independent)
+                whose = (str(method), event.name, precision, count, draws, independent)
+                rows.append(EventRate(*whose, rate=count / draws, low=float(low), high=float(high)))
     return rows
 
 
 def overlapping(rates: Sequence[EventRate]) -> tuple[int, int]:
     """How many pairs of intervals, single and double precision of one method and event, overlap; and all pairs."""
-    if not rates:
-        return 0, 0
-    pairs = pd.DataFrame(rates).groupby(["method", "event"]).agg({"low": ["max", "size"], "high": "min"})
-    pairs = pairs[pairs["low", "size"] == 2]
-    return int((pairs["low", "max"] <= pairs["high", "min"]).sum()), len(pairs)
+    by_key: dict[tuple[str, str], list[EventRate]] = {}
+    for rate in rates:
+        by_key.setdefault((rate.method, rate.event), []).append(rate)
+    pairs = [pair for pair in by_key.values() if len(pair) == 2]
+    return sum(max(a.low, b.low) <= min(a.high, b.high) for a, b in pairs), len(pairs)

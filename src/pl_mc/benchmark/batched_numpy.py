@@ -7,7 +7,7 @@ formulas are those of Zhao et al. 2021, eqs 4-7 and 14-19, in the default readin
 
 from __future__ import annotations
 
-from dataclasses import dataclass, fields
+from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
@@ -63,7 +63,7 @@ class NumpyModel:
         residuals = whitened - state @ self.design.T
         unit_error = np.sqrt(np.einsum("sn,sn->s", residuals, residuals) / self.dof)
         vpl_m = K_VERTICAL * np.sqrt(self.cofactor[UP, UP]) * unit_error
-        return NumpyOutcome(state[:, UP], vpl_m, np.ones(len(whitened), dtype=bool))
+        return NumpyOutcome(state[:, UP], vpl_m, available=np.ones(len(whitened), dtype=bool))
 
     def igg3(self, whitened: Numbers, options: Igg3) -> NumpyOutcome:
         """Eqs 6, 7, 17 and 19, with the cofactor, scale and redundancy that are the defaults of ``options``."""
@@ -120,24 +120,25 @@ class NumpyModel:
         return regular
 
 
-def both_methods(g: Geometry, errors_m: Numbers) -> dict[str, NumpyOutcome]:
+def both_methods(g: Geometry, errors_m: Numbers, *, batch: int = BATCH) -> dict[str, NumpyOutcome]:
     """Outcomes of ``ls`` and ``igg3`` for given pseudorange errors (s, n) [m]."""
     model, options = NumpyModel(g), Igg3()
     found: dict[str, list[NumpyOutcome]] = {"ls": [], options.name: []}
-    for first in range(0, len(errors_m), BATCH):
-        whitened = errors_m[first : first + BATCH] * model.weight_root
+    for first in range(0, len(errors_m), batch):
+        whitened = errors_m[first : first + batch] * model.weight_root
         found["ls"].append(model.least_squares(whitened))
         found[options.name].append(model.igg3(whitened, options))
-    columns = [field.name for field in fields(NumpyOutcome)]
+    fields = ("vertical_error_m", "vpl_m", "available")
     return {
-        name: NumpyOutcome(*(np.concatenate([getattr(part, column) for part in parts]) for column in columns))
+        name: NumpyOutcome(*(np.concatenate([getattr(part, field) for part in parts]) for field in fields))
         for name, parts in found.items()
     }
 
 
 def events_of(outcome: NumpyOutcome, vertical_m: float) -> Flags:
     """(events, s), which of `EVENTS` each scenario is."""
-    error, available = np.abs(outcome.vertical_error_m), outcome.available
+    error = np.abs(outcome.vertical_error_m)
+    available = outcome.available
     alarm = ~available | (outcome.vpl_m > vertical_m)
     hazard = available & (error > vertical_m)
     exceeded = available & (error > outcome.vpl_m)
@@ -146,19 +147,18 @@ def events_of(outcome: NumpyOutcome, vertical_m: float) -> Flags:
     )
 
 
-def count_events(g: Geometry, bias_m: Numbers, noise: Numbers, vertical_m: float) -> NDArray[np.int64]:
-    """(f, methods, events), how often each event happens, by ``ls`` and by ``igg3``.
+def count_events(
+    g: Geometry, bias_m: Numbers, noise: Numbers, vertical_m: float, *, batch: int = BATCH
+) -> NDArray[np.int64]:
+    """(f, methods, events), how often each event happens, by ``ls`` and by ``igg3``, ``batch`` draws at a time.
 
-    Args:
-        g: one epoch, all satellites in view.
-        bias_m: (f, n), biases [m].
-        noise: (draws, n), noise in units of each satellite's sigma, the same for every bias.
-        vertical_m: vertical alert limit [m].
+    ``g``: one epoch, all satellites in view; ``bias_m``: (f, n) [m]; ``noise``: (draws, n), in units of each
+    satellite's sigma, the same for every bias; ``vertical_m``: vertical alert limit [m].
     """
     model, options = NumpyModel(g), Igg3()
     total = np.zeros((len(bias_m), 2, len(EVENTS)), dtype=np.int64)
-    for first in range(0, len(noise), BATCH):
-        some = noise[first : first + BATCH]
+    for first in range(0, len(noise), batch):
+        some = noise[first : first + batch]
         for k, bias in enumerate(bias_m * model.weight_root):
             whitened = some + bias
             for place, outcome in enumerate((model.least_squares(whitened), model.igg3(whitened, options))):
@@ -169,8 +169,5 @@ def count_events(g: Geometry, bias_m: Numbers, noise: Numbers, vertical_m: float
 def sweep_numpy(g: Geometry, bias_m: Numbers, *, draws: int, seed: int, vertical_m: float) -> NDArray[np.int64]:
     """`count_events` of fresh noise, drawn batch by batch."""
     generator = np.random.default_rng(seed)
-    total = np.zeros((len(bias_m), 2, len(EVENTS)), dtype=np.int64)
-    for first in range(0, draws, BATCH):
-        noise = generator.standard_normal((min(BATCH, draws - first), g.design.shape[0]))
-        total += count_events(g, bias_m, noise, vertical_m)
-    return total
+    sizes = [(min(BATCH, draws - first), g.design.shape[0]) for first in range(0, draws, BATCH)]
+    return np.sum([count_events(g, bias_m, generator.standard_normal(size), vertical_m) for size in sizes], axis=0)

@@ -40,12 +40,9 @@ class Limit:
     """A program that is ready to run.
 
     Attributes:
-        program: the executable.
-        precision: what it computes in, as its output shows.
-        threads: threads that it is given.
-        scenarios: scenarios of its input.
+        program: the executable; ``folder``: where its input and output lie.
+        precision: what it computes in, as its output shows; ``threads``: what it is given.
         vpl_m: (scenarios,), the protection levels that it found [m].
-        folder: where its input and output lie.
     """
 
     program: Path
@@ -107,7 +104,10 @@ def _write_input(folder: Path, g: Geometry, errors_m: Numbers) -> None:
 
 def _try(program: Path, folder: Path, threads: int, scenarios: int) -> Limit:
     _call(program, folder, threads)
-    found = np.fromfile(output, dtype="<f8") if (output := folder / "output").is_file() else np.zeros(0)
+    try:
+        found = np.fromfile(folder / "output", dtype="<f8")
+    except OSError:
+        found = np.zeros(0)
     if len(found) != scenarios:
         raise InputError(f"limit: {program.name} wrote {len(found)} numbers where {scenarios} are needed.")
     # Numbers of single precision are those that survive a rounding to it.

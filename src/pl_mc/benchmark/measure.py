@@ -2,33 +2,56 @@
 
 from __future__ import annotations
 
+import contextlib
+import importlib.metadata
+import os
+import platform
 import statistics
 import time
 from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import jax
+import numpy as np
+
+from pl_mc.engine.compiling import compiler_options, instruction_set
+from pl_mc.runtime.threads import cores
 
 # The share of the asked time below which another repetition would tell nothing.
 _SHORTEST_S = 1e-9
 
+_PACKAGES = ("pl_mc", "jax", "jaxlib", "numpy", "scipy", "statsmodels")
+
 
 @dataclass(frozen=True)
-class Rate:
-    """How fast one computation ran.
+class Computation:
+    """Something that can be timed.
 
     Attributes:
         what: the computation.
         precision: ``float64`` or ``float32``.
         threads: threads that compute, as far as the computation decides it.
         devices: devices of JAX; 0 where JAX has no part in it.
-        scenarios: scenarios of one repetition.
-        seconds: time of each repetition [s].
-        first_call_s: time of the first call of all, which compiles [s]; None where nothing is compiled then.
     """
 
     what: str
     precision: str
     threads: int
     devices: int
+
+
+@dataclass(frozen=True)
+class Rate(Computation):
+    """How fast one computation ran.
+
+    Attributes:
+        scenarios: scenarios of one repetition.
+        seconds: time of each repetition [s].
+        first_call_s: time of the first call of all, which compiles [s]; None where nothing is compiled then.
+    """
+
     scenarios: int
     seconds: tuple[float, ...]
     first_call_s: float | None = None
@@ -68,11 +91,10 @@ class Ratio:
 
 
 @dataclass(frozen=True)
-class Contestant:
+class Contestant(Computation):
     """One computation to be timed.
 
     Attributes:
-        what, precision, threads, devices: as for `Rate`.
         unit: scenarios of the smallest repetition; others are multiples of it.
         run: does that many scenarios and gives the time that counts [s].
         compiles: whether its first call is worth a line.
@@ -80,10 +102,6 @@ class Contestant:
         most: units of the largest repetition; None for no limit.
     """
 
-    what: str
-    precision: str
-    threads: int
-    devices: int
     unit: int
     run: Callable[[int], float]
     compiles: bool = False
@@ -121,6 +139,56 @@ def measure(
         for contestant, size, found in zip(contestants, sizes, times, strict=True):
             found.append(contestant.run(size))
     return [
-        Rate(one.what, one.precision, one.threads, one.devices, size, tuple(found), start if one.compiles else None)
-        for one, size, found, start in zip(contestants, sizes, times, first, strict=True)
+        Rate(c.what, c.precision, c.threads, c.devices, size, tuple(found), start if c.compiles else None)
+        for c, size, found, start in zip(contestants, sizes, times, first, strict=True)
     ]
+
+
+def describe_machine() -> dict[str, Any]:
+    """What a measurement was made on, in words that name no person, path or host."""
+    return {
+        "processor": processor_name(), "cores": cores(), "memory_gb": _memory_gb(),
+        "instruction_set": instruction_set(), "system": platform.system(), "backend": jax.default_backend(),
+        "device": jax.local_devices()[0].device_kind, "devices": jax.local_device_count(),
+        "compiler_options": compiler_options(), "versions": {"python": platform.python_version()} | versions(),
+        "blas": _blas(), "load_average": load_average(),
+    }  # fmt: skip
+
+
+def processor_name() -> str:
+    """The processor's own name, or its family where that cannot be read."""
+    try:
+        for line in Path("/proc/cpuinfo").read_text(encoding="utf-8").splitlines():
+            if line.startswith("model name"):
+                return line.partition(":")[2].strip()
+    except OSError:
+        pass
+    return platform.processor() or platform.machine()
+
+
+def load_average() -> list[float] | None:
+    """Processes that wanted a core, averaged over 1, 5 and 15 minutes; None where the system does not tell."""
+    return [round(value, 2) for value in os.getloadavg()] if hasattr(os, "getloadavg") else None
+
+
+def versions() -> dict[str, str]:
+    """Versions of the packages that compute; those that are not installed are left out."""
+    found = {}
+    for package in _PACKAGES:
+        with contextlib.suppress(importlib.metadata.PackageNotFoundError):
+            found[package] = importlib.metadata.version(package)
+    return found
+
+
+def _memory_gb() -> float | None:
+    try:
+        return round(os.sysconf("SC_PHYS_PAGES") * os.sysconf("SC_PAGE_SIZE") / 1e9, 1)
+    except (AttributeError, ValueError, OSError):
+        return None
+
+
+def _blas() -> str:
+    """The linear algebra library under NumPy."""
+    config: Any = np.show_config(mode="dicts")
+    blas = (config or {}).get("Build Dependencies", {}).get("blas", {})
+    return f"{blas.get('name', 'unknown')} {blas.get('version', '')}".strip()

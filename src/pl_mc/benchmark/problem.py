@@ -32,8 +32,8 @@ def reference_geometry() -> Geometry:
     azimuth = place * np.pi * (3.0 - np.sqrt(5.0))
     level = np.sqrt(1.0 - up**2)
     systems = ["GC"[k % 2] for k in place]
-    clocks = np.equal.outer(systems, ["G", "C"])
-    design = np.column_stack([-level * np.sin(azimuth), -level * np.cos(azimuth), -up, clocks])
+    clocks = [[float(system == letter) for system in systems] for letter in "GC"]
+    design = np.column_stack([-level * np.sin(azimuth), -level * np.cos(azimuth), -up, *clocks])
     names = [f"{system}{k // 2 + 1:02d}" for k, system in enumerate(systems)]
     return Geometry.from_arrays(design, ZENITH_SIGMA_M / np.sqrt(up), systems, names)
 

@@ -1,21 +1,79 @@
-"""The benchmark as a text with tables, and as files."""
+"""What a benchmark measures, and how much of it; as a text with tables, and as files."""
 
 from __future__ import annotations
 
+import dataclasses
 import json
+from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import Any
 
 import pandas as pd
 
 from pl_mc.benchmark.accuracy import Difference, Disagreement, EventRate
 from pl_mc.benchmark.measure import Rate, Ratio
 from pl_mc.engine.checkpoint_store import write_whole
-from pl_mc.input_errors import InputError
+from pl_mc.input_errors import InputError, require_positive, require_whole
 from pl_mc.report.text import markdown_table, rate_text
 
-if TYPE_CHECKING:
-    from pl_mc.benchmark.run import Bench
+
+@dataclass(frozen=True)
+class Sizes:
+    """How much is measured.
+
+    Attributes:
+        seconds: time for each computation, over all its repetitions [s].
+        repetitions: how often each is timed, in turns with the others.
+        draws: draws for each bias in the smallest repetition of a sweep; None for those of one full call of the
+            compiled function, of which larger repetitions are multiples, so that they compile nothing again.
+        accuracy_scenarios: observations on which precisions are compared.
+        limit_scenarios: scenarios of a hand-written kernel, a multiple of 16.
+    """
+
+    seconds: float = 10.0
+    repetitions: int = 5
+    draws: int | None = None
+    accuracy_scenarios: int = 20_000
+    limit_scenarios: int = 2**18
+
+    def __post_init__(self) -> None:
+        require_positive(self.seconds, field="seconds")
+        require_whole(self.repetitions, field="repetitions", low=1)
+        require_whole(self.accuracy_scenarios, field="accuracy_scenarios", low=1)
+        if require_whole(self.limit_scenarios, field="limit_scenarios", low=16) % 16:
+            raise InputError(f"limit_scenarios: a multiple of 16 is needed, not {self.limit_scenarios}.")
+
+
+@dataclass(frozen=True)
+class Bench:
+    """What was measured.
+
+    Attributes:
+        machine: processor, cores, versions, load average before and after.
+        problem, sizes: what was computed, and how much of it.
+        rates, ratios: of each computation; of the sweeps to the others, round by round.
+        differences, disagreements: from the NumPy form, and decisions that single precision changes, on the same
+            observations.
+        event_rates: rates of both precisions, each with its own noise.
+        notes: what else a reader needs to know.
+    """
+
+    machine: dict[str, Any]
+    problem: str
+    sizes: Sizes
+    rates: tuple[Rate, ...]
+    ratios: tuple[Ratio, ...]
+    differences: tuple[Difference, ...]
+    disagreements: tuple[Disagreement, ...]
+    event_rates: tuple[EventRate, ...]
+    notes: tuple[str, ...]
+
+    def as_dict(self) -> dict[str, Any]:
+        """Plain numbers and strings, fit for JSON; rates in million scenarios per second."""
+        found = dataclasses.asdict(self)
+        for row, rate in zip(found["rates"], self.rates, strict=True):
+            row |= {"median_rate": rate.median_rate, "best_rate": rate.best_rate}
+        return found
 
 
 def bench_text(bench: Bench) -> str:
@@ -23,10 +81,8 @@ def bench_text(bench: Bench) -> str:
     parts = ["# Benchmark", _machine_text(bench), f"Problem: {bench.problem}.", "## Rates", _rates(bench.rates)]
     if bench.ratios:
         parts += ["## The fastest sweep beside the others, in the same run", _ratios(bench.ratios)]
-    parts += [
-        "## Exactness: differences from batched NumPy on the same observations",
-        _differences(bench.differences),
-    ]
+    title_exact = "## Exactness: differences from batched NumPy on the same observations"
+    parts += [title_exact, _differences(bench.differences)]
     title = "## Events over the whole ramp"
     if bench.disagreements:
         title += ": each precision with its own noise, and what differs on the same observations"
@@ -81,8 +137,8 @@ def _rates(rates: tuple[Rate, ...]) -> str:
     rows = [
         (
             rate.what, rate.precision, rate.threads, rate.devices or "-", f"{rate.scenarios:,}", len(rate.seconds),
-            "-" if rate.first_call_s is None else f"{rate.first_call_s:.2f}",
-            f"{rate.median_rate:.3g}", f"{rate.best_rate:.3g}",
+            "-" if rate.first_call_s is None else f"{rate.first_call_s:.2f}", f"{rate.median_rate:.3g}",
+            f"{rate.best_rate:.3g}",
         )
         for rate in rates
     ]  # fmt: skip
@@ -94,9 +150,7 @@ def _rates(rates: tuple[Rate, ...]) -> str:
 
 
 def _ratios(ratios: tuple[Ratio, ...]) -> str:
-    rows = [
-        (r.what, r.precision, r.to, f"{r.median:.3g}", f"{r.low:.3g} to {r.high:.3g}") for r in ratios
-    ]  # fmt: skip
+    rows = [(r.what, r.precision, r.to, f"{r.median:.3g}", f"{r.low:.3g} to {r.high:.3g}") for r in ratios]
     return markdown_table(("what", "precision", "compared with", "times as fast", "least to most"), rows)
 
 

@@ -3,13 +3,13 @@
 from __future__ import annotations
 
 import contextlib
-import dataclasses
 import importlib
 import importlib.util
 import math
+import time
 import warnings
-from collections.abc import Callable, Iterator, Sequence
-from dataclasses import dataclass
+from collections.abc import Sequence
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -19,16 +19,16 @@ import pandas as pd
 
 import pl_mc
 from pl_mc.alert import LPV_200
-from pl_mc.benchmark import accuracy, machine, problem
+from pl_mc.benchmark import accuracy, measure, problem
 from pl_mc.benchmark.batched_numpy import Numbers, NumpyOutcome, both_methods, sweep_numpy
 from pl_mc.benchmark.limit import Limit, limits
-from pl_mc.benchmark.measure import Contestant, Rate, Ratio, measure, timed
-from pl_mc.benchmark.report import bench_text, write_bench
+from pl_mc.benchmark.measure import Contestant, Rate, Ratio, timed
+from pl_mc.benchmark.report import Bench, Sizes, bench_text, write_bench
 from pl_mc.engine.compiling import require_devices
 from pl_mc.engine.noise import LANES
 from pl_mc.engine.plan import SCENARIOS_PER_CALL, make_plan
 from pl_mc.geometry.record import Geometry
-from pl_mc.input_errors import InputError, require_choice, require_positive, require_whole
+from pl_mc.input_errors import InputError, require_choice, require_whole
 from pl_mc.runtime.precision import PRECISIONS
 from pl_mc.runtime.progress import with_progress
 from pl_mc.runtime.threads import cores
@@ -40,67 +40,6 @@ SEED = 20_251
 # Fits of statsmodels take a share of the time of the others: one scenario a call says enough.
 _RLM_SHARE = 0.1
 _NUMPY_DRAWS = 256
-
-
-@dataclass(frozen=True)
-class Sizes:
-    """How much is measured.
-
-    Attributes:
-        seconds: time for each computation, over all its repetitions [s].
-        repetitions: how often each is timed, in turns with the others.
-        draws: draws for each bias in the smallest repetition of a sweep; None for those of one full call of the
-            compiled function, of which larger repetitions are multiples, so that they compile nothing again.
-        accuracy_scenarios: observations on which precisions are compared.
-        limit_scenarios: scenarios of a hand-written kernel, a multiple of 16.
-    """
-
-    seconds: float = 10.0
-    repetitions: int = 5
-    draws: int | None = None
-    accuracy_scenarios: int = 20_000
-    limit_scenarios: int = 2**18
-
-    def __post_init__(self) -> None:
-        require_positive(self.seconds, field="seconds")
-        require_whole(self.repetitions, field="repetitions", low=1)
-        require_whole(self.accuracy_scenarios, field="accuracy_scenarios", low=1)
-        if require_whole(self.limit_scenarios, field="limit_scenarios", low=16) % 16:
-            raise InputError(f"limit_scenarios: a multiple of 16 is needed, not {self.limit_scenarios}.")
-
-
-@dataclass(frozen=True)
-class Bench:
-    """What was measured.
-
-    Attributes:
-        machine: processor, cores, versions, load average before and after.
-        problem: what was computed.
-        sizes: how much of it.
-        rates: one for each computation.
-        ratios: of the sweeps to the others, round by round.
-        differences: against the NumPy form, on the same observations.
-        disagreements: decisions that single precision changes, on the same observations.
-        event_rates: rates of both precisions, each with its own noise.
-        notes: what else a reader needs to know.
-    """
-
-    machine: dict[str, Any]
-    problem: str
-    sizes: Sizes
-    rates: tuple[Rate, ...]
-    ratios: tuple[Ratio, ...]
-    differences: tuple[accuracy.Difference, ...]
-    disagreements: tuple[accuracy.Disagreement, ...]
-    event_rates: tuple[accuracy.EventRate, ...]
-    notes: tuple[str, ...]
-
-    def as_dict(self) -> dict[str, Any]:
-        """Plain numbers and strings, fit for JSON; rates in million scenarios per second."""
-        found = dataclasses.asdict(self)
-        for row, rate in zip(found["rates"], self.rates, strict=True):
-            row |= {"median_rate": rate.median_rate, "best_rate": rate.best_rate}
-        return found
 
 
 def run_bench(
@@ -136,20 +75,23 @@ def run_bench(
         raise InputError(f"precision: at least one of {', '.join(PRECISIONS)} is needed.")
     chosen = [p for p in PRECISIONS if p in {require_choice(p, PRECISIONS, field="precision") for p in precisions}]
     _set_devices(devices)
-    told = machine.describe_machine()
+    told = measure.describe_machine()
     g = problem.reference_geometry()
     tables: dict[str, pd.DataFrame] = {}
     errors_m = problem.reference_errors_m(g, sizes.limit_scenarios, seed=SEED)
-    with _limits(limit, g, errors_m, chosen) as kernels:
+    with contextlib.ExitStack() as stack:
+        kernels: list[Limit] = []
+        if limit is not None:
+            kernels = stack.enter_context(limits(limit, g, errors_m, threads=cores(), precisions=chosen))
         contestants = [*_sweeps(g, chosen, devices, sizes, tables), _numpy(g), *_rlm(g), *_kernels(kernels)]
-        rates = measure(
+        rates = measure.measure(
             contestants, seconds=sizes.seconds, rounds=sizes.repetitions,
             rounds_with_progress=lambda rounds: with_progress(
                 rounds, total=sizes.repetitions, what="Benchmark", show=progress
             ),
         )  # fmt: skip
         hand_written = [(kernel.precision, kernel.vpl_m) for kernel in kernels]
-    told["load_average_after"] = machine.load_average()
+    told["load_average_after"] = measure.load_average()
 
     compared = problem.reference_errors_m(g, sizes.accuracy_scenarios, seed=SEED + 1)
     reference = both_methods(g, compared)
@@ -159,19 +101,13 @@ def run_bench(
     ]
     if hand_written:
         rows += _limit_differences(hand_written, both_methods(g, errors_m))
-    both = len(chosen) == 2
     event_rates = accuracy.event_rates(tables)
+    disagreements = accuracy.disagreements(found["float32"], found["float64"]) if len(chosen) == 2 else ()
     bench = Bench(
-        machine=told,
-        problem=problem.DESCRIPTION,
-        sizes=sizes,
-        rates=tuple(rates),
-        ratios=tuple(_ratios(rates)),
-        differences=tuple(rows),
-        disagreements=tuple(accuracy.disagreements(found["float32"], found["float64"]) if both else ()),
-        event_rates=tuple(event_rates),
+        machine=told, problem=problem.DESCRIPTION, sizes=sizes, rates=tuple(rates), ratios=tuple(_ratios(rates)),
+        differences=tuple(rows), disagreements=tuple(disagreements), event_rates=tuple(event_rates),
         notes=tuple(_notes(rates, event_rates)),
-    )
+    )  # fmt: skip
     text = bench_text(bench)
     if out is not None:
         write_bench(bench, text, Path(out))
@@ -198,17 +134,13 @@ def _sweeps(
         draws = make_plan(g, faults, 2**30).blocks_per_call * LANES
     width = len(faults)
 
-    def sweep_of(precision: str, workers: int, devices: int) -> Callable[[int], float]:
-        def run(scenarios: int) -> float:
-            def sweep() -> None:
-                tables[precision] = pl_mc.sweep(
-                    g, faults, draws=scenarios // width, seed=SEED, precision=precision, workers=workers,
-                    devices=devices, progress=False,
-                )  # fmt: skip
-
-            return timed(sweep)
-
-        return run
+    def sweep(precision: str, workers: int, devices: int, scenarios: int) -> float:
+        start = time.perf_counter()
+        tables[precision] = pl_mc.sweep(
+            g, faults, draws=scenarios // width, seed=SEED, precision=precision, workers=workers, devices=devices,
+            progress=False,
+        )  # fmt: skip
+        return time.perf_counter() - start
 
     layouts = [(workers, 1) for workers in sorted({1, cores()})]
     if devices is not None and devices > 1:
@@ -216,7 +148,7 @@ def _sweeps(
     return [
         Contestant(
             what=SWEEP, precision=precision, threads=workers, devices=spread, unit=draws * width,
-            run=sweep_of(precision, workers, spread), compiles=workers == 1,
+            run=partial(sweep, precision, workers, spread), compiles=workers == 1,
         )
         for precision in precisions
         for workers, spread in layouts
@@ -256,24 +188,12 @@ def _rlm(g: Geometry) -> list[Contestant]:
     return [Contestant(RLM, "float64", 1, 0, unit=1, run=run, share=_RLM_SHARE)]
 
 
-@contextlib.contextmanager
-def _limits(
-    path: Path | str | None, g: Geometry, errors_m: Numbers, precisions: Sequence[str]
-) -> Iterator[list[Limit]]:
-    if path is None:
-        yield []
-        return
-    with limits(path, g, errors_m, threads=cores(), precisions=precisions) as found:
-        yield found
-
-
 def _kernels(kernels: Sequence[Limit]) -> list[Contestant]:
-    def runs(kernel: Limit) -> Callable[[int], float]:
-        return lambda _: kernel.seconds()
+    def run(kernel: Limit, _: int) -> float:
+        return kernel.seconds()
 
     return [
-        Contestant(LIMIT, kernel.precision, kernel.threads, 0, unit=kernel.scenarios, run=runs(kernel), most=1)
-        for kernel in kernels
+        Contestant(LIMIT, k.precision, k.threads, 0, unit=k.scenarios, run=partial(run, k), most=1) for k in kernels
     ]
 
 
@@ -287,11 +207,8 @@ def _limit_differences(
     for precision, vpl_m in found:
         # It does not tell where there is no solution.
         outcome = NumpyOutcome(expected.vertical_error_m, vpl_m, expected.available & np.isfinite(vpl_m))
-        rows += [
-            row
-            for row in accuracy.differences(LIMIT, precision, {name: outcome}, {name: expected})
-            if row.quantity == "VPL"
-        ]
+        made = accuracy.differences(LIMIT, precision, {name: outcome}, {name: expected})
+        rows += [row for row in made if row.quantity == "VPL"]
     return rows
 
 
@@ -302,10 +219,7 @@ def _ratios(rates: Sequence[Rate]) -> list[Ratio]:
     for precision in dict.fromkeys(rate.precision for rate in sweeps):
         own = [rate for rate in sweeps if rate.precision == precision]
         fastest = max(own, key=lambda rate: rate.median_rate)
-        others = [
-            rate for rate in rates
-            if rate.what in (NUMPY, RLM) or (rate.what == LIMIT and rate.precision == precision)
-        ]  # fmt: skip
+        others = [r for r in rates if r.what in (NUMPY, RLM) or (r.what == LIMIT and r.precision == precision)]
         found += [Ratio.of(fastest, other) for other in others]
     return found
 

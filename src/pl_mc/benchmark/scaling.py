@@ -15,7 +15,7 @@ import numpy as np
 import pandas as pd
 from matplotlib.figure import Figure
 
-from pl_mc.benchmark import machine
+from pl_mc.benchmark.measure import load_average, processor_name
 from pl_mc.benchmark.problem import reference_faults, reference_geometry
 from pl_mc.benchmark.report import write_texts
 from pl_mc.engine.checks import LARGEST_DRAWS
@@ -48,12 +48,9 @@ def scenario_counts(text: str) -> tuple[int, ...]:
 
 
 def scaling(
-    scenarios: Sequence[int],
-    *,
-    precision: str = "float64",
-    workers: int | None = None,
+    scenarios: Sequence[int], *, precision: str = "float64", workers: int | None = None,
     progress: bool | None = None,
-) -> pd.DataFrame:
+) -> pd.DataFrame:  # fmt: skip
     """Measure each number of scenarios of the reference problem; one is a noise draw under one of its 20 biases.
 
     Args:
@@ -71,8 +68,7 @@ def scaling(
     if not scenarios:
         raise InputError("scaling: at least one number of scenarios is needed.")
     faults = len(reference_faults(reference_geometry()))
-    most = LARGEST_DRAWS * faults
-    numbers = [require_whole(number, field="scaling", low=1, high=most) for number in scenarios]
+    numbers = [require_whole(number, field="scaling", low=1, high=LARGEST_DRAWS * faults) for number in scenarios]
     require_choice(precision, PRECISIONS, field="precision")
     threads = cores() if workers is None else require_whole(workers, field="workers", low=1)
     rows = [
@@ -91,34 +87,24 @@ def _point(draws: int, precision: str, threads: int) -> dict[str, Any]:
         reason = (done.stderr.strip().splitlines() or ["no reason given"])[-1]
         raise InputError(f"scaling: the process with {draws} draws ended with code {done.returncode} ({reason}).")
     found = json.loads(done.stdout.splitlines()[-1])
+    scenarios, sweep_s = found["scenarios"], found["sweep_s"]
     return {
-        "scenarios": found["scenarios"],
-        "precision": precision,
-        "threads": threads,
-        "process_s": seconds,
-        "sweep_s": found["sweep_s"],
-        "scenarios_per_s": found["scenarios"] / found["sweep_s"],
-        "peak_memory_mb": found["peak_bytes"] / 1e6,
-    }
+        "scenarios": scenarios, "precision": precision, "threads": threads, "process_s": seconds,
+        "sweep_s": sweep_s, "scenarios_per_s": scenarios / sweep_s, "peak_memory_mb": found["peak_bytes"] / 1e6,
+    }  # fmt: skip
 
 
 def run_scaling(
-    scenarios: Sequence[int],
-    *,
-    precision: str = "float64",
-    workers: int | None = None,
-    out: Path | str | None = None,
-    progress: bool | None = None,
-) -> tuple[pd.DataFrame, str]:
+    scenarios: Sequence[int], *, precision: str = "float64", workers: int | None = None,
+    out: Path | str | None = None, progress: bool | None = None,
+) -> tuple[pd.DataFrame, str]:  # fmt: skip
     """`scaling` with a text; into ``out`` go scaling.csv, scaling.md, scaling.png and scaling.svg."""
     table = scaling(scenarios, precision=precision, workers=workers, progress=progress)
     text = scaling_text(table)
     if out is not None:
-        folder = Path(out)
-        write_texts(
-            {"scaling.csv": table.to_csv(index=False, lineterminator="\n"), "scaling.md": text + "\n"}, folder
-        )
-        save_figure(scaling_figure(table), folder, "scaling")
+        csv = table.to_csv(index=False, lineterminator="\n")
+        write_texts({"scaling.csv": csv, "scaling.md": text + "\n"}, Path(out))
+        save_figure(scaling_figure(table), Path(out), "scaling")
     return table, text
 
 
@@ -131,14 +117,12 @@ def scaling_text(table: pd.DataFrame) -> str:
         )
         for row in table.itertuples()
     ]  # fmt: skip
-    head = (
-        "scenarios", "precision", "threads", "process [s]", "sweep [s]", "rate [M/s]", "peak memory [MB]",
-    )  # fmt: skip
-    averages = machine.load_average()
+    head = ("scenarios", "precision", "threads", "process [s]", "sweep [s]", "rate [M/s]", "peak memory [MB]")
+    averages = load_average()
     load = "" if averages is None else f", load average {averages[0]} at the end"
     return (
         "# Time and memory against the number of scenarios\n\n"
-        f"{machine.processor_name()}, cores: {cores()}{load}"
+        f"{processor_name()}, cores: {cores()}{load}"
         ". Each row is a process of its own; its time includes imports and compilation.\n\n"
         + markdown_table(head, rows)
     )
@@ -147,16 +131,15 @@ def scaling_text(table: pd.DataFrame) -> str:
 @in_common_look
 def scaling_figure(table: pd.DataFrame) -> Figure:
     """Time and peak memory against scenarios, both on logarithmic scales."""
+    figure, (left, right) = new_figure(1, 2, width_in=9.0, height_in=3.8, sharex=True)
     title = "Cost of a sweep against its size, each point a process of its own"
-    figure, panels = new_figure(1, 2, width_in=9.0, height_in=3.8, title=title, sharex=True)
-    left, right = panels
+    figure.suptitle(title, x=0.01, ha="left", fontsize=11)
     ordered = table.sort_values("scenarios")
-    for k, (panel, column) in enumerate(zip(panels, ("process_s", "peak_memory_mb"), strict=True)):
-        style = series_style(k)
-        panel.plot(
-            ordered.scenarios, ordered[column], style.line, marker=style.marker, color=style.colour,
-            label="process, imports and compilation included",
-        )  # fmt: skip
+    time_style, memory_style = series_style(0), series_style(1)
+    left.plot(
+        ordered.scenarios, ordered.process_s, time_style.line, marker=time_style.marker, color=time_style.colour,
+        label="process, imports and compilation included",
+    )  # fmt: skip
     # A line through the last point: what time would be if it were nothing but proportional.
     ends = np.array([ordered.scenarios.iloc[0], ordered.scenarios.iloc[-1]], dtype=float)
     left.plot(ends, ordered.process_s.iloc[-1] * ends / ends[-1], color="0.5", linewidth=1.0, linestyle=":",
@@ -164,6 +147,10 @@ def scaling_figure(table: pd.DataFrame) -> Figure:
     left.set(xscale="log", yscale="log", xlabel="scenarios", ylabel="wall time [s]")
     left.set_title("Time")
     left.legend(loc="upper left")
+    right.plot(
+        ordered.scenarios, ordered.peak_memory_mb, memory_style.line, marker=memory_style.marker,
+        color=memory_style.colour,
+    )  # fmt: skip
     right.set(xscale="log", yscale="log", xlabel="scenarios", ylabel="peak resident memory [MB]", ylim=(10, 10_000))
     right.set_title("Memory")
     return figure

@@ -42,12 +42,8 @@ def main(arguments: list[str]) -> None:
         g, faults, draws=draws, seed=1, precision=precision, workers=workers or None, progress=False
     )  # fmt: skip
     seconds = time.perf_counter() - start
-    found = {
-        "scenarios": draws * len(faults),
-        "alarms": int(table.alarms.sum()),
-        "sweep_s": seconds,
-        "peak_bytes": peak_memory_bytes(),
-    }
+    scenarios, alarms = draws * len(faults), int(table.alarms.sum())
+    found = {"scenarios": scenarios, "alarms": alarms, "sweep_s": seconds, "peak_bytes": peak_memory_bytes()}
     print(json.dumps(found))
 
 

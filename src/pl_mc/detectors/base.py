@@ -133,6 +133,13 @@ def largest(values: Array, carried: Array) -> tuple[Array, Array, Array]:
     return best, place, extra
 
 
+def suspected(model: LinearModel, start: LeastSquaresSolution) -> tuple[Array, Array]:
+    """Row (...) of the largest |v_i| / (sigma_i sqrt(r_i)), Baarda's w-test (1968), and its s_i (...) [m]."""
+    standardised = jnp.abs(start.residuals) * per_lane(model.inverse_residual_sigma, start.residuals)
+    _, satellite, error_m = largest(standardised, satellite_errors_m(model, start.residuals))
+    return satellite, error_m
+
+
 def by_count(table: NDArray[np.float64], dtype: Any, *counts: Array) -> Array:
     """The entry of a table of thresholds at whole numbers that were counted inside a trace."""
     return jnp.asarray(table, dtype)[tuple(jnp.round(count).astype(jnp.int32) for count in counts)]

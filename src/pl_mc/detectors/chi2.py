@@ -20,13 +20,11 @@ from pl_mc.detectors.base import (
     Verdict,
     View,
     by_count,
-    largest,
     nothing_redundant,
-    satellite_errors_m,
+    suspected,
 )
 from pl_mc.input_errors import InputError, require_choice
 from pl_mc.kernels import LeastSquaresSolution, LinearModel
-from pl_mc.kernels.linear_model import per_lane
 
 APRIORI, DIVIDED = "apriori", "divided"
 READINGS = (APRIORI, DIVIDED)
@@ -93,9 +91,7 @@ class Chi2:
         if self.reading == DIVIDED:
             # As a matrix product: a plain sum over a short leading axis is slow.
             statistic = jnp.tensordot(factor, start.residuals * start.residuals, axes=1)
-        standardised = jnp.abs(start.residuals) * per_lane(model.inverse_residual_sigma, start.residuals)
-        _, satellite, error = largest(standardised, satellite_errors_m(model, start.residuals))
-        return Verdict(statistic, threshold, statistic > threshold, satellite, error)
+        return Verdict(statistic, threshold, statistic > threshold, *suspected(model, start))
 
 
 def require_systems(owner: str, systems: Any) -> None:

@@ -21,8 +21,7 @@ import pandas as pd
 import pyarrow as pa
 import pyarrow.parquet as pq
 
-from pl_mc.engine.identity import ASKED, WHERE, Identity, differences, fingerprint, identity_of
-from pl_mc.engine.part_task import P, Task
+from pl_mc.engine.part_task import ASKED, WHERE, Identity, P, Task, differences, fingerprint, identity_of
 from pl_mc.input_errors import InputError
 
 _KEY = b"pl_mc"
@@ -36,7 +35,7 @@ class BadPart(Exception):
     """A part file that cannot be used; the message says why."""
 
 
-class PartStore(Generic[P]):
+class CheckpointStore(Generic[P]):
     """A folder of part files that belong to one task.
 
     Args:
@@ -54,14 +53,9 @@ class PartStore(Generic[P]):
     """
 
     def __init__(
-        self,
-        folder: Path,
-        task: Task[P],
-        *,
-        numbers: Collection[int] | None = None,
-        resume: bool,
+        self, folder: Path, task: Task[P], *, numbers: Collection[int] | None = None, resume: bool,
         any_machine: bool = False,
-    ) -> None:
+    ) -> None:  # fmt: skip
         self.folder = folder
         self.task = task
         self.identity: Identity = identity_of(task)
@@ -134,12 +128,8 @@ class PartStore(Generic[P]):
         Raises:
             InputError: it cannot be written.
         """
-        about = {
-            "part": part.number,
-            "experiment": self._asked,
-            "environment": self.identity[WHERE],
-            "sha256": _NO_CHECKSUM,
-        }
+        where = self.identity[WHERE]
+        about = {"part": part.number, "experiment": self._asked, "environment": where, "sha256": _NO_CHECKSUM}
         table = self.task.part_rows(part)
         sink = pa.BufferOutputStream()
         with pq.ParquetWriter(sink, table.schema, compression="zstd") as writer:

@@ -30,6 +30,12 @@ def require_geometry_and_alert(g: Geometry, alert: AlertLimits) -> None:
         )
 
 
+def require_single(g: Geometry, what: str) -> None:
+    """Raise `InputError` for a series of epochs."""
+    if g.is_series:
+        raise InputError(f"geometry: {what} is made for one epoch; choose one of the {len(g)}, such as g[0].")
+
+
 def require_inputs(g: Geometry, faults: Faults, alert: AlertLimits) -> None:
     """Raise `InputError` unless these are records of the right kinds that belong together."""
     require_geometry_and_alert(g, alert)

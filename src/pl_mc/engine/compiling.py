@@ -6,6 +6,7 @@ import functools
 import platform
 from collections.abc import Callable
 from pathlib import Path
+from typing import Any
 
 import jax
 import jax.numpy as jnp
@@ -16,8 +17,6 @@ from jax.sharding import Mesh, PartitionSpec
 from pl_mc.engine.core import EpochBatch, count_events
 from pl_mc.engine.noise import LANES
 from pl_mc.input_errors import InputError, require_whole
-from pl_mc.methods.base import Method
-from pl_mc.noise_models import GAUSSIAN, NoiseModel
 
 # Bytes of one row of the scenarios that a processor takes at a time: 256 in double precision, 512 in single. Larger
 # tiles leave its caches, smaller ones drown in the cost of calls (measured; half or double lose 5 to 30 %).
@@ -80,31 +79,16 @@ def compiled_count(devices: int) -> Callable[..., Array]:
     options = compiler_options()
     on_processor = jax.default_backend() == "cpu"
 
-    def one_device(
-        batch: EpochBatch,
-        *numbers: Array,
-        methods: tuple[Method, ...],
-        blocks: int,
-        noise_model: NoiseModel = GAUSSIAN,
-    ) -> Array:
+    def one_device(batch: EpochBatch, *numbers: Array, blocks: int, **static: Any) -> Array:
         together = _PROCESSOR_TILE // (LANES * batch.design.dtype.itemsize) if on_processor else blocks
-        return count_events(
-            batch, *numbers, methods=methods, blocks=blocks, together=together, noise_model=noise_model
-        )
+        return count_events(batch, *numbers, blocks=blocks, together=together, **static)
 
-    def several_devices(
-        batch: EpochBatch,
-        *numbers: Array,
-        methods: tuple[Method, ...],
-        blocks: int,
-        noise_model: NoiseModel = GAUSSIAN,
-    ) -> Array:
+    def several_devices(batch: EpochBatch, *numbers: Array, blocks: int, **static: Any) -> Array:
         each = -(-blocks // devices)
 
         def share(batch: EpochBatch, seed: Array, first: Array, *rest: Array) -> Array:
-            mine = first + jax.lax.axis_index(_BLOCKS).astype(jnp.int32) * each
-            counts = one_device(batch, seed, mine, *rest, methods=methods, blocks=each, noise_model=noise_model)
-            return jax.lax.psum(counts, _BLOCKS)
+            own = first + jax.lax.axis_index(_BLOCKS).astype(jnp.int32) * each
+            return jax.lax.psum(one_device(batch, seed, own, *rest, blocks=each, **static), _BLOCKS)
 
         mesh = Mesh(np.array(jax.local_devices()[:devices]), (_BLOCKS,))
         everywhere = PartitionSpec()

@@ -98,12 +98,7 @@ def side_by_side(blocks: Array) -> Array:
 
 
 def block_outcomes(
-    batch: EpochBatch,
-    seed: Array,
-    block: Array,
-    *,
-    methods: tuple[Method, ...],
-    noise_model: NoiseModel = GAUSSIAN,
+    batch: EpochBatch, seed: Array, block: Array, *, methods: tuple[Method, ...], noise_model: NoiseModel = GAUSSIAN
 ) -> list[Outcome]:
     """The outcomes themselves of one block of noise, per method, with leading axes (e, f)."""
 

@@ -10,17 +10,14 @@ import contextlib
 import itertools
 import pickle
 from collections.abc import Callable, Generator, Iterator, Mapping, Sequence
-from typing import TYPE_CHECKING, Any
+from typing import Any
 from urllib.parse import urlsplit
 
 from pl_mc.engine.compiling import require_devices
-from pl_mc.engine.identity import environment
-from pl_mc.engine.task import PartCounts, SweepTask
+from pl_mc.engine.part_task import environment
+from pl_mc.engine.task import Engine, PartCounts, SweepTask
 from pl_mc.input_errors import InputError
 from pl_mc.runtime.threads import cores
-
-if TYPE_CHECKING:
-    from pl_mc.engine.execution import Engine
 
 # How often a part is given out again, after the workers that had it died.
 RETRIES = 3
@@ -47,18 +44,20 @@ def dask_engine(scheduler: str, *, workers: int | None, devices: int | None) -> 
     def engine(task: SweepTask, numbers: Sequence[int], after_call: Callable[[], None]) -> Generator[PartCounts]:
         with _client(scheduler, threads=workers) as client:
             from distributed import as_completed
+            from distributed.protocol.pickle import dumps
 
             here = environment()
             _require_equal_workers(client, here)
             # The plan, once made, goes along. A result, unlike data that are scattered, is made again when all
             # workers that hold it died.
-            shared = client.submit(pickle.loads, _packed(task), pure=False, retries=RETRIES)
+            assert task.plan.part_count
+            # Methods that a script defined are packed with their code.
+            shared = client.submit(pickle.loads, dumps(task), pure=False, retries=RETRIES)
             threads = workers if workers is not None else (1 if scheduler.startswith("local") else None)
 
             def submit(number: int) -> Any:
-                return client.submit(
-                    _count_part, shared, number, threads, devices, here, pure=False, retries=RETRIES
-                )  # fmt: skip
+                work = (_count_part, shared, number, threads, devices, here)
+                return client.submit(*work, pure=False, retries=RETRIES)
 
             waiting = iter(numbers)
             window = AHEAD * max(1, len(client.scheduler_info(n_workers=-1)["workers"]))
@@ -75,25 +74,13 @@ def dask_engine(scheduler: str, *, workers: int | None, devices: int | None) -> 
 
 
 def _count_part(
-    task: SweepTask,
-    number: int,
-    threads: int | None,
-    devices: int | None,
-    there: Mapping[str, Any],
+    task: SweepTask, number: int, threads: int | None, devices: int | None, there: Mapping[str, Any]
 ) -> PartCounts:
     """One part, on a worker; ``there`` is the environment of the process that asks."""
     # Workers may come at any time, after those that were there had been looked at.
     _require_equal("the worker that was given a part", environment(), there)
     parts = task.count_parts([number], threads=threads or cores(), devices=require_devices(devices))
     return next(iter(parts))
-
-
-def _packed(task: SweepTask) -> bytes:
-    """A task with its plan; methods that a script defined are packed with their code."""
-    from distributed.protocol.pickle import dumps
-
-    assert task.plan.part_count
-    return dumps(task)
 
 
 def _result(future: Any) -> PartCounts:

@@ -15,18 +15,22 @@ from numpy.typing import NDArray
 from pl_mc.alert import LPV_200
 from pl_mc.detectors.base import Detector
 from pl_mc.engine.checks import notes_on_faults, require_errors, require_geometry_and_alert, require_inputs
+from pl_mc.engine.detect_core import MethodTest
 from pl_mc.engine.detect_runs import (
     LEVELS,
     MOST_DRAWS,
+    NOMINAL,
     calibrate,
     checked_options,
     defined_at,
     power_counts,
     verdicts_on,
 )
+from pl_mc.engine.plan import fault_slots
 from pl_mc.faults import Faults
 from pl_mc.geometry.record import Geometry
 from pl_mc.input_errors import require_whole
+from pl_mc.methods import Method
 from pl_mc.statistics.intervals import clopper_pearson
 
 
@@ -34,7 +38,7 @@ def detect(
     g: Geometry,
     faults: Faults,
     *,
-    tests: Sequence[str | Detector] = ("chi2", "mean_check"),
+    tests: Sequence[str | Detector | Method] = ("chi2", "mean_check"),
     draws: int,
     seed: int,
     p_fa: float = 0.01,
@@ -51,7 +55,8 @@ def detect(
     Args:
         g: one epoch or a series.
         faults: bias vectors, from `ramp`, `biases` or `no_fault`.
-        tests: names (``chi2``, ``mean_check``) or records of `pl_mc.detectors`.
+        tests: names (``chi2``, ``mean_check``) or records of `pl_mc.detectors`, and of methods with a statistic
+            (`pl_mc.methods.capabilities.Statistic`), such as ``slope``: its ratio to their own threshold is tested.
         draws: noise draws for each fault at each epoch.
         seed: chooses the noise, 0 to 2^32 - 1. The same seed gives the same counts.
         p_fa: nominal false-alarm probability, which the second level also calibrates to.
@@ -64,8 +69,9 @@ def detect(
         bias_m, draws, detections, detection_rate, low, high`` (95 % Clopper-Pearson), ``identified_rate``
         (detected, and the suspect is a faulted satellite; missing without a fault), ``threshold, p_fa_nominal,
         p_fa_measured, p_fa_low, p_fa_high``. ``level`` is ``nominal`` (the test's own threshold, whose real
-        false-alarm rate may be another) or ``equal_p_fa``: the order statistic of the fault-free statistics whose
-        expected false-alarm rate is k / (calibration_draws + 1) with the largest k that keeps it at or below
+        false-alarm rate may be another; ``p_fa_nominal`` is missing for a method) or ``equal_p_fa``: the order
+        statistic of the fault-free statistics whose expected false-alarm rate is k / (calibration_draws + 1) with
+        the largest k that keeps it at or below
         ``p_fa``. Detection rates of different tests may be compared at the second level alone. ``reading`` is the
         test's reading with further options that are not the default. A statistic that is always zero never detects
         at either level.
@@ -81,24 +87,21 @@ def detect(
     draws = require_whole(draws, field="draws", low=1, high=MOST_DRAWS)
     series = g.as_series()
     defined, notes = defined_at(g, options.tests)
-    applies = faults.applies(g)
-    width = int(applies.sum(axis=1).max(initial=1))
-    order = np.argsort(~applies, axis=1, kind="stable")[:, :width]
-    given = np.take_along_axis(applies, order, axis=1)
+    order, given = fault_slots(faults.applies(g))
     bias = faults.bias_m[order[:, :, None], series.satellite[:, None, :]]
     bias_m = np.where(given[:, :, None] & series.in_view[:, None, :], bias, 0.0)
 
     calibration = calibrate(series, options, draws=calibration_draws, defined=defined)
     counts = power_counts(series, bias_m, given, calibration.thresholds, options, draws=draws)
-    place, slot, test, level = np.nonzero(
-        np.broadcast_to(
-            given[:, :, None, None] & defined[:, None, :, None], (*given.shape, len(options.tests), len(LEVELS))
-        )
-    )
+    rows = np.ones((*given.shape, len(options.tests), len(LEVELS)), bool)
+    place, slot, test, level = np.nonzero(rows & given[:, :, None, None] & defined[:, None, :, None])
     fault = order[place, slot]
     columns: dict[str, object] = {"epoch": series.epoch[place]} if g.is_series else {}
     seen, right = counts[place, slot, test, level].T
     low, high = clopper_pearson(seen, draws)
+    alarms = calibration.false_alarms[place, test, level]
+    p_fa_low, p_fa_high = clopper_pearson(alarms, calibration.draws)
+    own = np.array([isinstance(t, MethodTest) for t in options.tests])[test]
     biased = (faults.bias_m != 0).any(axis=1)[fault]
     columns |= {
         "test": np.array([t.test for t in options.tests], dtype=object)[test],
@@ -113,14 +116,12 @@ def detect(
         "high": high,
         "identified_rate": np.where(biased, right / draws, np.nan),
         "threshold": calibration.thresholds[place, test, level],
-        "p_fa_nominal": np.full(place.size, options.p_fa),
+        "p_fa_nominal": np.where(own & (level == LEVELS.index(NOMINAL)), np.nan, options.p_fa),
+        "p_fa_measured": alarms / calibration.draws,
+        "p_fa_low": p_fa_low,
+        "p_fa_high": p_fa_high,
     }
-    alarms = calibration.false_alarms[place, test, level]
-    columns |= dict(zip(("p_fa_low", "p_fa_high"), clopper_pearson(alarms, calibration.draws), strict=True))
-    columns["p_fa_measured"] = alarms / calibration.draws
-    table = pd.DataFrame(columns)
-    table.insert(list(table).index("p_fa_low"), "p_fa_measured", table.pop("p_fa_measured"))
-    table = table.iloc[np.lexsort((fault, level, test, place))].reset_index(drop=True)
+    table = pd.DataFrame(columns).iloc[np.lexsort((fault, level, test, place))].reset_index(drop=True)
     table.attrs["notes"] = [*notes, *notes_on_faults(g, faults)]
     return table
 
@@ -129,7 +130,7 @@ def examine(
     g: Geometry,
     errors_m: NDArray[np.float64],
     *,
-    tests: Sequence[str | Detector] = ("chi2", "mean_check"),
+    tests: Sequence[str | Detector | Method] = ("chi2", "mean_check"),
     p_fa: float = 0.01,
     precision: str = "float64",
 ) -> pd.DataFrame:

@@ -1,19 +1,70 @@
-"""The jitted part of detection: statistics of fault-free noise, counts under faults, verdicts on given errors."""
+"""Tests side by side, jitted: statistics of fault-free noise, counts under faults, verdicts on given errors."""
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
+from typing import Any
 
 import jax
 import jax.numpy as jnp
 from jax import Array
 
-from pl_mc.detectors.base import Detector, Verdict
+from pl_mc.detectors import DETECTORS, Detector, Verdict, View
+from pl_mc.detectors.base import nothing_redundant, suspected
 from pl_mc.engine.core import EpochBatch, block_noise, each_fault
 from pl_mc.engine.noise import LANES, live_lanes
 from pl_mc.kernels import LeastSquaresSolution, LinearModel, linear_model, start_from
+from pl_mc.methods import METHODS, Method
+from pl_mc.methods.capabilities import refusal, statistic
+from pl_mc.named import as_records
 
 Tests = tuple[Detector, ...]
+
+
+@dataclass(frozen=True)
+class MethodTest:
+    """The test of a method that has a statistic (`pl_mc.methods.capabilities.Statistic`), as a detector.
+
+    The statistic is the ratio, so that the nominal threshold is 1, whatever false-alarm probability is asked for.
+    Where the method has no solution the ratio is infinite. The suspect is that of the chi-square test.
+    """
+
+    method: Method
+
+    label = "own threshold"
+
+    @property
+    def test(self) -> str:
+        return self.method.name
+
+    name = test
+
+    def reason_against(self, view: View) -> str | None:
+        return nothing_redundant(view)
+
+    def prepare(self, model: LinearModel, system: Array, p_fa: float) -> Any:
+        return self.method.prepare(model)
+
+    def examine(self, model: LinearModel, prepared: Any, start: LeastSquaresSolution) -> Verdict:
+        own = statistic(self.method)
+        assert own is not None
+        ratio = own(model, prepared, start)
+        one = jnp.ones((), ratio.dtype)
+        return Verdict(ratio, one, ratio > one, *suspected(model, start))
+
+
+def as_tests(tests: Sequence[str | Detector | Method]) -> tuple[Detector, ...]:
+    """Names and records of detectors and of methods with a statistic, made detectors.
+
+    Raises:
+        InputError: none, strangers, two of one name, a method without a statistic.
+    """
+    made = as_records(tests, DETECTORS | METHODS, Detector | Method, what="test")
+    for test in made:
+        if not isinstance(test, Detector) and statistic(test) is None:
+            raise refusal(test, "statistic", able=statistic, field="tests", also=DETECTORS)
+    return tuple(test if isinstance(test, Detector) else MethodTest(test) for test in made)
 
 
 @jax.tree_util.register_dataclass
@@ -21,9 +72,7 @@ Tests = tuple[Detector, ...]
 class TestBatch:
     """The epochs of one call.
 
-    Attributes:
-        epochs: geometry, biases and epoch numbers.
-        system: (e, n), place of each row's system in `pl_mc.detectors.base.SYSTEM_LETTERS`; -1 on padding.
+    ``system``: (e, n), place of each row's system in `pl_mc.detectors.base.SYSTEM_LETTERS`; -1 on padding.
     """
 
     __test__ = False
@@ -53,24 +102,12 @@ def fault_free_statistics(
 
 
 def count_detections(
-    batch: TestBatch,
-    seed: Array,
-    first_block: Array,
-    full_blocks: Array,
-    remainder: Array,
-    thresholds: Array,
-    *,
-    tests: Tests,
-    p_fa: float,
-    blocks: int,
-) -> Array:
+    batch: TestBatch, seed: Array, first_block: Array, full_blocks: Array, remainder: Array, thresholds: Array, *,
+    tests: Tests, p_fa: float, blocks: int,
+) -> Array:  # fmt: skip
     """(e, f, tests, levels, 2), how often each test was above each threshold, and suspected a faulted satellite.
 
-    Blocks count as for `pl_mc.engine.core.count_events`, from ``first_block`` on: those with a number below
-    ``full_blocks`` whole, that one with ``remainder`` draws, later ones not at all.
-
-    Args:
-        thresholds: (e, tests, levels).
+    Blocks count as for `pl_mc.engine.core.count_events`; ``thresholds``: (e, tests, levels).
     """
     levels = thresholds.shape[-1]
 

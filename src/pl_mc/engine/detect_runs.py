@@ -8,35 +8,30 @@ from __future__ import annotations
 
 import math
 from collections import Counter
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
-from typing import TypeVar
+from itertools import groupby
+from typing import Any
 
 import jax
 import jax.numpy as jnp
 import numpy as np
+from jax import Array
 from numpy.typing import NDArray
 
+from pl_mc.arrays import FloatArray
 from pl_mc.detectors.base import SYSTEM_LETTERS, Detector, Verdict, View
-from pl_mc.detectors.registry import as_detectors
+from pl_mc.engine.calls import Chunk, Cut, run_calls
 from pl_mc.engine.checks import LARGEST_SEED
 from pl_mc.engine.core import EpochBatch
-from pl_mc.engine.detect_core import (
-    TestBatch,
-    count_detections,
-    examine_errors,
-    fault_free_statistics,
-)
+from pl_mc.engine.detect_core import TestBatch, as_tests, count_detections, examine_errors, fault_free_statistics
 from pl_mc.engine.noise import LANES
 from pl_mc.geometry.record import Geometry
-from pl_mc.input_errors import InputError, require_number, require_whole
+from pl_mc.input_errors import InputError, require_fraction, require_whole
+from pl_mc.methods import Method
 from pl_mc.runtime.precision import dtype_of, precision_scope
-from pl_mc.runtime.progress import with_progress
-from pl_mc.runtime.threads import cores, in_order
+from pl_mc.runtime.threads import cores
 from pl_mc.statistics.least_squares import ls_quantities
-
-FloatArray = NDArray[np.float64]
-Result = TypeVar("Result")
 
 NOMINAL, EQUAL_P_FA = "nominal", "equal_p_fa"
 LEVELS = (NOMINAL, EQUAL_P_FA)
@@ -83,25 +78,15 @@ class Calibration:
 
 
 def checked_options(
-    tests: Sequence[str | Detector],
-    p_fa: float,
-    seed: int,
-    precision: str = "float64",
-    workers: int | None = None,
-    progress: bool | None = False,
-) -> Options:
+    tests: Sequence[str | Detector | Method], p_fa: float, seed: int, precision: str = "float64",
+    workers: int | None = None, progress: bool | None = False,
+) -> Options:  # fmt: skip
     """The options after a check of each; an `InputError` names the one that cannot be used."""
-    if not 0.0 < require_number(p_fa, field="p_fa") < 1.0:
-        raise InputError(f"p_fa: it lies between 0 and 1, both excluded, not {p_fa!r}.")
     dtype_of(precision)
-    return Options(
-        tests=as_detectors(tests),
-        p_fa=float(p_fa),
-        seed=require_whole(seed, field="seed", low=0, high=LARGEST_SEED),
-        precision=precision,
-        workers=cores() if workers is None else require_whole(workers, field="workers", low=1),
-        progress=progress,
-    )
+    made, p_fa = as_tests(tests), require_fraction(p_fa, field="p_fa")
+    seed = require_whole(seed, field="seed", low=0, high=LARGEST_SEED)
+    threads = cores() if workers is None else require_whole(workers, field="workers", low=1)
+    return Options(made, p_fa, seed, precision, threads, progress)
 
 
 def defined_at(g: Geometry, tests: tuple[Detector, ...]) -> tuple[NDArray[np.bool_], tuple[str, ...]]:
@@ -115,14 +100,11 @@ def defined_at(g: Geometry, tests: tuple[Detector, ...]) -> tuple[NDArray[np.boo
     views = _views(series)
     notes = []
     for k, test in enumerate(tests):
-        reasons: Counter[str] = Counter()
-        for place, view in enumerate(views):
-            reason = test.reason_against(view)
-            if reason is not None:
-                defined[place, k] = False
-                reasons[reason] += 1
-        others = [other.name for other in tests if other is not test and _some(other, views)]
+        against = [test.reason_against(view) for view in views]
+        defined[:, k] = [reason is None for reason in against]
+        reasons = Counter(reason for reason in against if reason is not None)
         if not defined[:, k].any():
+            others = [other.name for other in tests if other is not test and _some(other, views)]
             first = reasons.most_common(1)[0][0]
             where = "defined at no epoch of the series" if g.is_series else "not defined at this epoch"
             hint = f"; without it there is {' and '.join(others)}" if others else ""
@@ -153,28 +135,22 @@ def calibrate(
             f"{math.ceil(1 / options.p_fa) - 1} are needed."
         )
     tests = len(options.tests)
-    blocks = math.ceil(draws / LANES)
-    blocks_per_call = min(blocks, max(1, _STATISTICS_PER_CALL // (tests * LANES)))
-    epochs_per_call = max(1, _STATISTICS_PER_CALL // (tests * LANES * blocks))
+    cut = _cut(len(series), draws, most=_STATISTICS_PER_CALL // (tests * LANES), noise_from=_CALIBRATION_BLOCK)
 
-    def one_call(places: NDArray[np.int64]) -> FloatArray:
-        batch = _batch(series, places, options)
-        parts = [
-            jax.tree.map(
-                np.asarray,
-                _statistics(
-                    batch, np.uint32(options.seed), np.int32(_CALIBRATION_BLOCK + first),
-                    tests=options.tests, p_fa=options.p_fa, blocks=blocks_per_call,
-                ),
-            )
-            for first in range(0, blocks, blocks_per_call)
-        ]  # fmt: skip
-        statistics, nominal = np.concatenate([part[0] for part in parts], axis=-1)[..., :draws], parts[0][1]
-        calibrated = np.partition(statistics, draws - rank, axis=-1)[..., draws - rank]
-        return np.stack([nominal, calibrated], axis=-1).astype(float)
+    def statistics(chunk: Chunk, first_block: np.int32, *others: np.int32) -> tuple[Array, Array]:
+        return _statistics(
+            _batch(series, cut.places(chunk), options), np.uint32(options.seed), first_block, tests=options.tests,
+            p_fa=options.p_fa, blocks=cut.blocks_per_call,
+        )  # fmt: skip
 
-    found = _over_epochs(one_call, len(series), epochs_per_call, options, what="Thresholds")
-    thresholds = np.concatenate(found)[: len(series)]
+    parts = []
+    found = _results(cut, statistics, options, "Thresholds")
+    for _, group in groupby(found, key=lambda result: result[0].first_epoch):
+        results = [values for _, values in group]
+        values = np.concatenate([free for free, _ in results], axis=-1)[..., :draws]
+        calibrated = np.partition(values, draws - rank, axis=-1)[..., draws - rank]
+        parts.append(np.stack([results[0][1], calibrated], axis=-1).astype(float))
+    thresholds = np.concatenate(parts)[: len(series)]
     if defined is not None:
         thresholds = np.where(defined[:, :, None], thresholds, np.nan)
     none = np.zeros((len(series), 1, series.sigma_m.shape[1]))
@@ -185,15 +161,9 @@ def calibrate(
 
 
 def power_counts(
-    series: Geometry,
-    bias_m: FloatArray,
-    applies: NDArray[np.bool_],
-    thresholds: FloatArray,
-    options: Options,
-    *,
-    draws: int,
-    first_block: int = 0,
-) -> NDArray[np.int64]:
+    series: Geometry, bias_m: FloatArray, applies: NDArray[np.bool_], thresholds: FloatArray, options: Options, *,
+    draws: int, first_block: int = 0,
+) -> NDArray[np.int64]:  # fmt: skip
     """(e, f, tests, levels, 2), detections, and those of them whose suspect is faulted.
 
     Args:
@@ -203,27 +173,20 @@ def power_counts(
         draws: noise draws at each epoch, the same for all faults; first_block: where their noise begins.
     """
     faults = bias_m.shape[1]
-    blocks = math.ceil(draws / LANES)
-    blocks_at_most = max(1, _SCENARIOS_PER_CALL // (faults * LANES))
-    blocks_per_call = min(blocks, blocks_at_most)
-    epochs_per_call = max(1, blocks_at_most // blocks)
+    cut = _cut(len(series), draws, most=_SCENARIOS_PER_CALL // (faults * LANES), noise_from=first_block)
 
-    def one_call(places: NDArray[np.int64]) -> NDArray[np.int64]:
-        batch = _batch(series, places, options, bias_m, applies)
-        limits = jnp.asarray(thresholds[places], dtype_of(options.precision))
-        total = np.zeros((len(places), faults, *thresholds.shape[1:], 2), dtype=np.int64)
-        for first in range(0, blocks, blocks_per_call):
-            total += np.asarray(
-                _count(
-                    batch, np.uint32(options.seed), np.int32(first_block + first),
-                    np.int32(first_block + draws // LANES), np.int32(draws % LANES), limits,
-                    tests=options.tests, p_fa=options.p_fa, blocks=blocks_per_call,
-                )
-            )  # fmt: skip
-        return total
+    def count(chunk: Chunk, *noise: np.int32) -> Array:
+        places = cut.places(chunk)
+        return _count(
+            _batch(series, places, options, bias_m, applies), np.uint32(options.seed), *noise,
+            jnp.asarray(thresholds[places], dtype_of(options.precision)), tests=options.tests, p_fa=options.p_fa,
+            blocks=cut.blocks_per_call,
+        )  # fmt: skip
 
-    found = _over_epochs(one_call, len(series), epochs_per_call, options, what="Detections")
-    return np.concatenate(found)[: len(series)]
+    total = np.zeros((len(series), faults, *thresholds.shape[1:], 2), dtype=np.int64)
+    for chunk, counts in _results(cut, count, options, "Detections"):
+        total[chunk.first_epoch : chunk.stop_epoch] += counts[: chunk.size]
+    return total
 
 
 def verdicts_on(series: Geometry, errors_m: FloatArray, options: Options) -> list[Verdict]:
@@ -242,12 +205,9 @@ def system_places(series: Geometry) -> NDArray[np.int32]:
 
 
 def _batch(
-    series: Geometry,
-    places: NDArray[np.int64],
-    options: Options,
-    bias_m: FloatArray | None = None,
+    series: Geometry, places: NDArray[np.int64], options: Options, bias_m: FloatArray | None = None,
     applies: NDArray[np.bool_] | None = None,
-) -> TestBatch:
+) -> TestBatch:  # fmt: skip
     """The arrays of one call, made in the precision scope in which it runs."""
     dtype = dtype_of(options.precision)
     shape = (len(places), 1, series.sigma_m.shape[1])
@@ -264,19 +224,21 @@ def _batch(
     )
 
 
-def _over_epochs(
-    run: Callable[[NDArray[np.int64]], Result], epochs: int, per_call: int, options: Options, *, what: str
-) -> list[Result]:
-    """``run`` of equally many epochs at a time, in order; the last call repeats the last epoch to be as long."""
-    per_call = math.ceil(epochs / math.ceil(epochs / per_call))
-    calls = [np.minimum(np.arange(k, k + per_call), epochs - 1) for k in range(0, epochs, per_call)]
+def _cut(epochs: int, draws: int, *, most: int, noise_from: int) -> Cut:
+    """Calls of at most so many blocks of noise, over all their epochs, with equally many epochs in each."""
+    blocks = math.ceil(draws / LANES)
+    epochs_at_most = max(1, most // blocks)
+    each = math.ceil(epochs / math.ceil(epochs / epochs_at_most))
+    return Cut(
+        epoch_count=epochs, draws=draws, epochs_per_call=each, blocks_per_call=min(blocks, max(1, most)),
+        noise_from=noise_from,
+    )  # fmt: skip
 
-    def scoped(places: NDArray[np.int64]) -> Result:
-        with precision_scope(options.precision):
-            return run(places)
 
-    results = in_order(scoped, calls, options.workers)
-    return [found for _, found in with_progress(results, total=len(calls), what=what, show=options.progress)]
+def _results(cut: Cut, function: Callable[..., Any], options: Options, what: str) -> Iterator[tuple[Chunk, Any]]:
+    return run_calls(
+        cut, function, precision=options.precision, threads=options.workers, what=what, show=options.progress
+    )
 
 
 def _views(series: Geometry) -> list[View]:

@@ -1,6 +1,6 @@
 """Events: what is counted in a scenario, from a method's outcome and the vertical alert limit.
 
-``misleading`` is misleading information (MI) of the literature, ``missed`` hazardously misleading information (HMI).
+``misleading`` is the literature's misleading information (MI), ``missed`` its hazardously misleading one (HMI).
 """
 
 from __future__ import annotations

@@ -6,12 +6,11 @@ from collections.abc import Callable, Generator, Iterator, Sequence
 from contextlib import closing
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import Protocol
 
-from pl_mc.engine.checkpoint_store import BadPart, PartStore
+from pl_mc.engine.checkpoint_store import BadPart, CheckpointStore
 from pl_mc.engine.compiling import require_devices
 from pl_mc.engine.part_task import P, Task
-from pl_mc.engine.task import PartCounts, SweepTask
+from pl_mc.engine.task import Engine, PartCounts, SweepTask
 from pl_mc.input_errors import InputError, require_whole
 from pl_mc.runtime.progress import progress_bar
 from pl_mc.runtime.threads import cores
@@ -60,14 +59,6 @@ class Execution:
         return list(range(index - 1, part_count, count))
 
 
-class Engine(Protocol):
-    """What counts parts of sweeps: this process, or a cluster."""
-
-    def __call__(
-        self, task: SweepTask, numbers: Sequence[int], after_call: Callable[[], None]
-    ) -> Generator[PartCounts]: ...
-
-
 def run_task(
     task: Task[P], execution: Execution, count: Callable[[Sequence[int], Callable[[], None]], Generator[P]]
 ) -> Iterator[P | str]:
@@ -86,13 +77,10 @@ def run_task(
     missing = numbers
     damaged: list[str] = []
     if execution.folder is not None:
-        store = PartStore(
-            execution.folder,
-            task,
-            numbers=None if execution.shard is None else numbers,
-            resume=execution.resume or execution.stored_only,
-            any_machine=execution.stored_only,
-        )
+        store = CheckpointStore(
+            execution.folder, task, numbers=None if execution.shard is None else numbers,
+            resume=execution.resume or execution.stored_only, any_machine=execution.stored_only,
+        )  # fmt: skip
         there = set(store.stored())
         if not execution.stored_only:
             store.begin()

@@ -3,8 +3,8 @@
 from __future__ import annotations
 
 import functools
-import math
 from collections.abc import Sequence
+from dataclasses import replace
 from typing import Any
 
 import jax
@@ -14,6 +14,7 @@ from jax import Array
 from numpy.typing import NDArray
 
 from pl_mc.alert import LPV_200, AlertLimits
+from pl_mc.engine.calls import Chunk, run_calls
 from pl_mc.engine.checks import (
     LARGEST_DRAWS,
     LARGEST_SEED,
@@ -24,7 +25,7 @@ from pl_mc.engine.checks import (
 from pl_mc.engine.core import block_outcomes
 from pl_mc.engine.events import alarms
 from pl_mc.engine.noise import LANES
-from pl_mc.engine.plan import Chunk, make_plan
+from pl_mc.engine.plan import make_plan
 from pl_mc.faults import Faults
 from pl_mc.geometry.record import EAST, NORTH, UP, Geometry
 from pl_mc.input_errors import require_whole
@@ -61,41 +62,29 @@ def sample(
     require_inputs(g, faults, alert)
     draws = require_whole(draws, field="draws", low=1, high=LARGEST_DRAWS)
     seed = require_whole(seed, field="seed", low=0, high=LARGEST_SEED)
-    chosen, shaped = as_methods(methods), as_noise_model(noise)
-    shaped.require_geometry(g)
-    dtype = dtype_of(precision)
-    plan = make_plan(g, faults, draws)
+    chosen, shaped = as_methods(methods), as_noise_model(noise, g)
+    plan = make_plan(g, faults, draws).block_by_block()
+
+    def solved(chunk: Chunk, block: np.int32, *others: np.int32) -> list[Outcome]:
+        batch = plan.batch(chunk, dtype_of(precision))
+        return _block_outcomes(batch, np.uint32(seed), block, methods=chosen, noise_model=shaped)
+
     parts = []
-    for first in range(0, len(plan.epochs), plan.epochs_per_call):
-        stop = min(first + plan.epochs_per_call, len(plan.epochs))
-        for block in range(math.ceil(draws / LANES)):
-            with precision_scope(precision):
-                batch = plan.batch(Chunk(first, stop, 0), dtype)
-                found = _block_outcomes(batch, np.uint32(seed), np.int32(block), methods=chosen, noise_model=shaped)
-                found = jax.tree.map(np.asarray, found)
-            valid = np.zeros((plan.epochs_per_call, plan.fault_index.shape[1], LANES), dtype=bool)
-            valid[: stop - first] = (plan.fault_index[first:stop] >= 0)[:, :, None]
-            valid &= block * LANES + np.arange(LANES) < draws
-            place, slot, lane = np.nonzero(valid)
-            fault = plan.fault_index[first + place, slot]
-            for method, outcome in zip(chosen, found, strict=True):
-                keys: dict[str, Any] = {
-                    "epoch": plan.geometry.epoch[plan.epochs[first + place]],
-                    "fault": np.array(faults.labels, dtype=object)[fault],
-                    "bias_m": faults.scalar_bias_m[fault],
-                    "method": method.name,
-                    "draw": block * LANES + lane,
-                }
-                # Components of the error stand between the fault axis and the lanes.
-                error = np.moveaxis(outcome.error_m, 2, 0)
-                picked = Outcome(
-                    error_m=error[:, place, slot, lane],
-                    hpl_m=outcome.hpl_m[place, slot, lane],
-                    vpl_m=outcome.vpl_m[place, slot, lane],
-                    available=outcome.available[place, slot, lane],
-                    rejects=outcome.rejects[place, slot, lane],
-                )
-                parts.append(pd.DataFrame(keys | _columns(picked, alert)))
+    for chunk, outcomes in run_calls(plan, solved, precision=precision):
+        place, slot, lane = scenario = np.nonzero(plan.scenarios(chunk)[:, 0])
+        row = chunk.first_epoch + place
+        fault = plan.fault_index[row, slot]
+        for method, outcome in zip(chosen, outcomes, strict=True):
+            keys: dict[str, Any] = {
+                "epoch": plan.geometry.epoch[plan.epochs[row]],
+                "fault": np.array(faults.labels, dtype=object)[fault],
+                "bias_m": faults.scalar_bias_m[fault],
+                "method": method.name,
+                "draw": chunk.first_block * LANES + lane,
+            }
+            # Components of the error stand between the fault axis and the lanes.
+            moved = replace(outcome, error_m=np.moveaxis(outcome.error_m, 2, 0))
+            parts.append(pd.DataFrame(keys | _columns(moved, alert, (..., *scenario))))
     if not parts:
         return pd.DataFrame(columns=["epoch", "fault", "bias_m", "method", "draw", *OUTCOME_COLUMNS])
     return pd.concat(parts, ignore_index=True)
@@ -138,13 +127,7 @@ def solve(
             "method": method.name,
             "satellites": series.satellite_count,
         }
-        moved = Outcome(
-            error_m=outcome.error_m.T,
-            hpl_m=outcome.hpl_m,
-            vpl_m=outcome.vpl_m,
-            available=outcome.available,
-            rejects=outcome.rejects,
-        )
+        moved = replace(outcome, error_m=outcome.error_m.T)
         parts.append(pd.DataFrame(keys | _columns(moved, alert)))
     return pd.concat(parts).sort_values("epoch", kind="stable").reset_index(drop=True)
 
@@ -161,7 +144,9 @@ def _solve_series(
     return jax.vmap(one_epoch)(design, sigma_m, in_view, errors_m)
 
 
-def _columns(outcome: Outcome, alert: AlertLimits) -> dict[str, NDArray]:
+def _columns(outcome: Outcome, alert: AlertLimits, chosen: tuple = (...,)) -> dict[str, NDArray]:
+    """The columns of the scenarios that are chosen by this index, lanes last."""
+    outcome = jax.tree.map(lambda values: values[chosen], outcome)
     available = np.asarray(outcome.available)
 
     def known(values: Array) -> NDArray:

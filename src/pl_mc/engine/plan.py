@@ -9,12 +9,13 @@ from __future__ import annotations
 import functools
 import math
 from collections.abc import Iterator
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import jax.numpy as jnp
 import numpy as np
 from numpy.typing import NDArray
 
+from pl_mc.engine.calls import Chunk, Cut
 from pl_mc.engine.core import EpochBatch
 from pl_mc.engine.noise import LANES
 from pl_mc.faults import Faults
@@ -28,17 +29,8 @@ SCENARIOS_PER_CALL = 2**20
 CALLS_PER_PART = 32
 
 
-@dataclass(frozen=True)
-class Chunk:
-    """One call: epochs ``first_epoch`` to ``stop_epoch`` of a plan, blocks of noise from ``first_block`` on."""
-
-    first_epoch: int
-    stop_epoch: int
-    first_block: int
-
-
-@dataclass(frozen=True)
-class Plan:
+@dataclass(frozen=True, kw_only=True)
+class Plan(Cut):
     """A sweep's work. Epochs at which no fault applies are left out.
 
     Attributes:
@@ -46,26 +38,14 @@ class Plan:
         faults: all faults.
         epochs: indices into the series, those with at least one applicable fault.
         fault_index: (epochs, width), indices into the faults; -1 beyond those that apply at an epoch.
-        epochs_per_call, blocks_per_call: the shape of every call.
         calls_per_part: calls that are stored together; part of the plan, so that it goes with it to other machines.
-        blocks: blocks of noise in all.
-        draws: draws in all, for each fault at each epoch.
     """
 
     geometry: Geometry
     faults: Faults
     epochs: NDArray[np.int64]
     fault_index: NDArray[np.int64]
-    epochs_per_call: int
-    blocks_per_call: int
     calls_per_part: int
-    blocks: int
-    draws: int
-
-    @property
-    def chunk_count(self) -> int:
-        """Number of calls."""
-        return math.ceil(len(self.epochs) / self.epochs_per_call) * self._block_groups
 
     @property
     def part_count(self) -> int:
@@ -75,25 +55,22 @@ class Plan:
     def chunks(self, part: int) -> Iterator[Chunk]:
         """The calls of a part, in order."""
         first = part * self.calls_per_part
-        for number in range(first, min(first + self.calls_per_part, self.chunk_count)):
-            epoch_group, block_group = divmod(number, self._block_groups)
-            first_epoch = epoch_group * self.epochs_per_call
-            stop_epoch = min(first_epoch + self.epochs_per_call, len(self.epochs))
-            yield Chunk(first_epoch, stop_epoch, block_group * self.blocks_per_call)
+        return map(self.chunk, range(first, min(first + self.calls_per_part, self.chunk_count)))
 
-    def draws_of(self, chunk: Chunk) -> int:
-        """Draws that a call counts for each of its faults."""
-        left = self.draws - chunk.first_block * LANES
-        return min(left, self.blocks_per_call * LANES)
+    def block_by_block(self) -> Plan:
+        """The same work in calls of a single block of noise."""
+        return replace(self, blocks_per_call=1)
 
     def cases_of(self, chunk: Chunk) -> int:
         """Cases of fault and noise that a call counts."""
         faults = self.fault_index[chunk.first_epoch : chunk.stop_epoch] >= 0
         return int(faults.sum()) * self.draws_of(chunk)
 
-    @property
-    def _block_groups(self) -> int:
-        return math.ceil(self.blocks / self.blocks_per_call)
+    def scenarios(self, chunk: Chunk) -> NDArray[np.bool_]:
+        """(epochs, blocks, faults, LANES), which scenarios of a call are part of the sweep; epochs those it has."""
+        applies = self.fault_index[chunk.first_epoch : chunk.stop_epoch] >= 0
+        live = np.arange(self.blocks_per_call * LANES).reshape(-1, LANES) < self.draws_of(chunk)
+        return applies[:, None, :, None] & live[None, :, None, :]
 
     @functools.cached_property
     def one_clock_per_row(self) -> bool:
@@ -106,15 +83,14 @@ class Plan:
 
         Where a call is not full the last epoch is repeated, with no fault that applies.
         """
-        places = np.arange(chunk.first_epoch, chunk.first_epoch + self.epochs_per_call)
-        places = np.minimum(places, chunk.stop_epoch - 1)
+        places = self.places(chunk)
         index = self.epochs[places]
         g = self.geometry
         # (e, f, n): the bias of the satellite in each row, for the faults that apply; zero elsewhere.
         bias = self.faults.bias_m[self.fault_index[places][:, :, None], g.satellite[index][:, None, :]]
         applies = self.fault_index[places] >= 0
         counts = applies[:, :, None] & g.in_view[index][:, None, :]
-        surplus = np.arange(self.epochs_per_call) >= chunk.stop_epoch - chunk.first_epoch
+        surplus = np.arange(self.epochs_per_call) >= chunk.size
         return EpochBatch(
             design=jnp.asarray(g.design[index], dtype),
             sigma_m=jnp.asarray(g.sigma_m[index], dtype),
@@ -126,14 +102,21 @@ class Plan:
         )
 
 
+def fault_slots(applies: NDArray[np.bool_]) -> tuple[NDArray[np.int64], NDArray[np.bool_]]:
+    """(epochs, width), the faults of each epoch, those that apply there (epochs, f) first; and whether they do."""
+    width = int(applies.sum(axis=1).max(initial=1))
+    order = np.argsort(~applies, axis=1, kind="stable")[:, :width]
+    return order, np.take_along_axis(applies, order, axis=1)
+
+
 def make_plan(g: Geometry, faults: Faults, draws: int) -> Plan:
     """Cut ``draws`` draws of every applicable fault at every epoch into calls of about equal work."""
     series = g.as_series()
     applies = faults.applies(g)
     epochs = np.flatnonzero(applies.any(axis=1))
-    width = int(applies.sum(axis=1).max(initial=1))
-    order = np.argsort(~applies[epochs], axis=1, kind="stable")[:, :width]
-    fault_index = np.where(np.take_along_axis(applies[epochs], order, axis=1), order, -1)
+    order, given = fault_slots(applies[epochs])
+    fault_index = np.where(given, order, -1)
+    width = fault_index.shape[1]
 
     blocks = math.ceil(draws / LANES)
     blocks_at_most = max(1, SCENARIOS_PER_CALL // (width * LANES))
@@ -142,5 +125,7 @@ def make_plan(g: Geometry, faults: Faults, draws: int) -> Plan:
     epoch_count = max(1, len(epochs))
     epochs_per_call = math.ceil(epoch_count / math.ceil(epoch_count / epochs_at_most))
     return Plan(
-        series, faults, epochs, fault_index, epochs_per_call, blocks_per_call, CALLS_PER_PART, blocks, draws
+        geometry=series, faults=faults, epochs=epochs, fault_index=fault_index, draws=draws,
+        epoch_count=len(epochs), epochs_per_call=epochs_per_call, blocks_per_call=blocks_per_call,
+        calls_per_part=CALLS_PER_PART,
     )  # fmt: skip

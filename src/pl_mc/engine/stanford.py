@@ -17,16 +17,16 @@ from jax import Array
 from numpy.typing import NDArray
 
 from pl_mc.alert import AlertLimits
+from pl_mc.engine.calls import Chunk, run_calls
 from pl_mc.engine.core import EpochBatch, block_noise, each_outcome, prepare_epoch
 from pl_mc.engine.noise import LANES
-from pl_mc.engine.plan import Chunk, Plan, make_plan
+from pl_mc.engine.plan import make_plan
 from pl_mc.faults import Faults
 from pl_mc.geometry.record import UP, Geometry
 from pl_mc.input_errors import InputError, require_positive
 from pl_mc.methods import Method, Outcome
-from pl_mc.runtime.precision import dtype_of, precision_scope
-from pl_mc.runtime.progress import with_progress
-from pl_mc.runtime.threads import cores, in_order
+from pl_mc.runtime.precision import dtype_of
+from pl_mc.runtime.threads import cores
 from pl_mc.statistics.intervals import shared_noise_bounds
 
 NOMINAL, MISLEADING, HAZARDOUS = "nominal", "misleading", "hazardously misleading"
@@ -168,57 +168,29 @@ def stanford_counts(
     size = len(REGIONS) * side * side
     dtype = dtype_of(precision)
 
-    def run(chunk: Chunk) -> NDArray[np.int64]:
-        with precision_scope(precision):
-            codes = np.asarray(
-                _block_cells(
-                    plan.batch(chunk, dtype),
-                    np.uint32(seed),
-                    np.int32(chunk.first_block),
-                    jnp.asarray(alert.vertical_m, dtype),
-                    jnp.asarray(grid.cell_m, dtype),
-                    jnp.asarray(grid.cells, jnp.int32),
-                    methods=chosen,
-                    blocks=plan.blocks_per_call,
-                )
-            )
-        kept = codes[_counted(plan, chunk)]  # (kept, methods)
-        return np.stack([np.bincount(kept[:, k], minlength=size) for k in range(len(chosen))])
+    def count(chunk: Chunk, first_block: np.int32, *others: np.int32) -> NDArray[np.int64]:
+        codes = _block_cells(
+            plan.batch(chunk, dtype), np.uint32(seed), first_block, jnp.asarray(alert.vertical_m, dtype),
+            jnp.asarray(grid.cell_m, dtype), jnp.asarray(grid.cells, jnp.int32), methods=chosen,
+            blocks=plan.blocks_per_call,
+        )  # fmt: skip
+        counted = np.asarray(codes)[: chunk.size][plan.scenarios(chunk)]
+        return np.stack([np.bincount(counted[:, k], minlength=size) for k in range(len(chosen))])
 
-    chunks = [chunk for part in range(plan.part_count) for chunk in plan.chunks(part)]
     total = np.zeros((len(chosen), size), dtype=np.int64)
     threads = cores() if workers is None else workers
-    for _, counts in with_progress(in_order(run, chunks, threads), total=len(chunks), what="Cells", show=progress):
+    for _, counts in run_calls(plan, count, precision=precision, threads=threads, what="Cells", show=progress):
         total += counts
-    return StanfordCounts(
-        counts=total.reshape(len(chosen), len(REGIONS), side, side),
-        methods=tuple(method.name for method in chosen),
-        grid=grid,
-        scenarios=int((plan.fault_index >= 0).sum()) * draws,
-        independent_draws=len(plan.epochs) * draws,
-    )
-
-
-def _counted(plan: Plan, chunk: Chunk) -> NDArray[np.bool_]:
-    """(epochs, blocks, faults, lanes), which scenarios of a call are part of the sweep."""
-    applies = np.zeros((plan.epochs_per_call, plan.fault_index.shape[1]), dtype=bool)
-    applies[: chunk.stop_epoch - chunk.first_epoch] = plan.fault_index[chunk.first_epoch : chunk.stop_epoch] >= 0
-    live = np.arange(plan.blocks_per_call * LANES).reshape(-1, LANES) < plan.draws_of(chunk)
-    return applies[:, None, :, None] & live[None, :, None, :]
+    counted = total.reshape(len(chosen), len(REGIONS), side, side)
+    names, scenarios = tuple(method.name for method in chosen), int((plan.fault_index >= 0).sum()) * draws
+    return StanfordCounts(counted, names, grid, scenarios, independent_draws=len(plan.epochs) * draws)
 
 
 @functools.partial(jax.jit, static_argnames=("methods", "blocks"))
 def _block_cells(
-    batch: EpochBatch,
-    seed: Array,
-    first_block: Array,
-    vertical_m: Array,
-    cell_m: Array,
-    cells: Array,
-    *,
-    methods: tuple[Method, ...],
-    blocks: int,
-) -> Array:
+    batch: EpochBatch, seed: Array, first_block: Array, vertical_m: Array, cell_m: Array, cells: Array, *,
+    methods: tuple[Method, ...], blocks: int,
+) -> Array:  # fmt: skip
     """(epochs, blocks, faults, lanes, methods), region and cell of each scenario as one whole number."""
 
     def one_epoch(one: EpochBatch) -> Array:

@@ -8,7 +8,6 @@ nothing is left to check the rest. Both show in the weights of the last solution
 from __future__ import annotations
 
 import functools
-import math
 from collections.abc import Sequence
 from dataclasses import replace
 
@@ -18,14 +17,16 @@ import numpy as np
 import pandas as pd
 from jax import Array
 
+from pl_mc.engine.calls import Chunk, run_calls
 from pl_mc.engine.core import EpochBatch, block_noise, each_fault
-from pl_mc.engine.noise import LANES, live_lanes
-from pl_mc.engine.plan import Chunk, make_plan
+from pl_mc.engine.noise import live_lanes
+from pl_mc.engine.plan import make_plan
 from pl_mc.faults import Faults
 from pl_mc.geometry import Geometry
 from pl_mc.kernels import IrlsOptions, LeastSquaresSolution, LinearModel, irls, linear_model
-from pl_mc.runtime.precision import dtype_of, precision_scope
-from pl_mc.statistics.intervals import clopper_pearson
+from pl_mc.runtime.precision import dtype_of
+from pl_mc.runtime.threads import cores
+from pl_mc.statistics.intervals import clopper_pearson, rate_columns
 
 # Satellites beyond the t + 1 that a solution needs, up to which it counts as one that little is left to check.
 FEW = 1
@@ -56,51 +57,41 @@ def watch_weights(
         for every event ``<event>_count``, ``<event>_rate``, ``<event>_low`` and ``<event>_high`` (95 %
         Clopper-Pearson); those of faulted satellites are missing where there is no fault.
     """
-    same_weights = [replace(one, redundancy="all") for one in options]
+    same_weights = [replace(estimate, redundancy="all") for estimate in options]
     distinct = tuple(dict.fromkeys(same_weights))
-    plan = make_plan(g, faults, draws)
-    dtype = dtype_of(precision)
-    found = np.zeros((*plan.fault_index.shape, len(distinct), len(WATCHED)), dtype=np.int64)
-    for first in range(0, len(plan.epochs), plan.epochs_per_call):
-        stop = min(first + plan.epochs_per_call, len(plan.epochs))
-        with precision_scope(precision):
-            batch = plan.batch(Chunk(first, stop, 0), dtype)
-            for block in range(math.ceil(draws / LANES)):
-                counts = _count_block(
-                    batch, np.uint32(seed), np.int32(block), np.int32(draws // LANES), np.int32(draws % LANES),
-                    options=distinct,
-                )  # fmt: skip
-                found[first:stop] += np.asarray(counts)[: stop - first]
+    plan = make_plan(g, faults, draws).block_by_block()
+
+    def counted(chunk: Chunk, *noise: np.int32) -> Array:
+        return _count_block(plan.batch(chunk, dtype_of(precision)), np.uint32(seed), *noise, options=distinct)
+
+    total = np.zeros((*plan.fault_index.shape, len(distinct), len(WATCHED)), dtype=np.int64)
+    for chunk, counts in run_calls(plan, counted, precision=precision, threads=cores()):
+        total[chunk.first_epoch : chunk.stop_epoch] += counts[: chunk.size]
     place, slot = np.nonzero(plan.fault_index >= 0)
     fault = plan.fault_index[place, slot]
     parts = []
-    for k, one in enumerate(same_weights):
-        counted = found[place, slot, distinct.index(one)]
+    for k, estimate in enumerate(same_weights):
+        counts = total[place, slot, distinct.index(estimate)]
         columns: dict[str, object] = {
             "epoch": plan.geometry.epoch[plan.epochs[place]],
             "fault": np.array(faults.labels, dtype=object)[fault],
             "estimate": k,
             "draws": draws,
         }
-        for event, count in zip(WATCHED, counted.T, strict=True):
+        for event, count in zip(WATCHED, counts.T, strict=True):
             means = (faults.bias_m[fault] != 0).any(axis=1) if event in _OF_FAULTS else True
-            low, high = clopper_pearson(count, draws)
-            values = {"_count": count, "_rate": count / draws, "_low": low, "_high": high}
-            columns |= {f"{event}{end}": np.where(means, value, np.nan) for end, value in values.items()}
+            rates = rate_columns(event, count / draws, *clopper_pearson(count, draws))
+            values = {f"{event}_count": count} | rates
+            columns |= {name: np.where(means, value, np.nan) for name, value in values.items()}
         parts.append(pd.DataFrame(columns))
     return pd.concat(parts, ignore_index=True)
 
 
 @functools.partial(jax.jit, static_argnames=("options",))
 def _count_block(
-    batch: EpochBatch,
-    seed: Array,
-    block: Array,
-    full_blocks: Array,
-    remainder: Array,
-    *,
+    batch: EpochBatch, seed: Array, block: Array, full_blocks: Array, remainder: Array, *,
     options: tuple[IrlsOptions, ...],
-) -> Array:
+) -> Array:  # fmt: skip
     """(e, f, estimates, events), counts of one block of noise (int32)."""
 
     def one_epoch(one: EpochBatch) -> Array:

@@ -11,9 +11,8 @@ import pandas as pd
 from pl_mc.alert import LPV_200, AlertLimits
 from pl_mc.engine.checks import LARGEST_DRAWS, LARGEST_SEED, notes_on_faults, require_inputs
 from pl_mc.engine.execution import Execution, run_task, sweep_engine
-from pl_mc.engine.table import epoch_table, fault_table
+from pl_mc.engine.table import EpochTotals, FaultTotals, epoch_table, fault_table
 from pl_mc.engine.task import SweepTask
-from pl_mc.engine.totals import EpochTotals, FaultTotals
 from pl_mc.faults import Faults
 from pl_mc.geometry.record import Geometry
 from pl_mc.input_errors import InputError, require_whole
@@ -75,14 +74,9 @@ def sweep(
     if folder is None and (resume or shard is not None):
         raise InputError("folder: to resume a sweep, or to count a shard of it, a folder for the parts is needed.")
     execution = Execution(
-        workers=workers,
-        devices=devices,
-        scheduler=scheduler,
-        folder=None if folder is None else Path(folder),
-        resume=resume,
-        shard=shard,
-        progress=progress,
-    )
+        workers=workers, devices=devices, scheduler=scheduler, folder=None if folder is None else Path(folder),
+        resume=resume, shard=shard, progress=progress,
+    )  # fmt: skip
     return run_sweep(
         g, faults, draws=draws, seed=seed, methods=methods, alert=alert, noise=noise, precision=precision,
         by_epoch=by_epoch, execution=execution,
@@ -104,8 +98,6 @@ def run_sweep(
 ) -> pd.DataFrame:
     """`pl_mc.sweep`, with the way it runs as one record."""
     require_inputs(g, faults, alert)
-    chosen_noise = as_noise_model(noise)
-    chosen_noise.require_geometry(g)
     task = SweepTask(
         geometry=g,
         faults=faults,
@@ -114,7 +106,7 @@ def run_sweep(
         methods=as_methods(methods),
         alert=alert,
         precision=str(dtype_of(precision)),
-        noise=chosen_noise,
+        noise=as_noise_model(noise, g),
     )
     single = by_epoch or not g.is_series
     totals: EpochTotals | FaultTotals = EpochTotals.of(task) if single else FaultTotals.of(task)

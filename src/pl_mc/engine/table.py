@@ -1,45 +1,91 @@
-"""The table of a sweep: counts, rates and their confidence bounds."""
+"""The table of a sweep: counts of parts, added up over epochs or epoch by epoch, with rates and their bounds."""
 
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import dataclass
 
 import numpy as np
 import pandas as pd
 from numpy.typing import NDArray
 
 from pl_mc.engine.events import EVENTS
-from pl_mc.engine.task import SweepTask
-from pl_mc.engine.totals import EpochTotals, FaultTotals
-from pl_mc.statistics.intervals import clopper_pearson, shared_noise_bounds
+from pl_mc.engine.task import PartCounts, SweepTask
+from pl_mc.statistics.intervals import clopper_pearson, rate_columns, shared_noise_bounds
 
 CONFIDENCE = 0.95
 
 COUNT_COLUMNS = ["draws", *(event.count for event in EVENTS)]
 
 
+@dataclass(frozen=True)
+class FaultTotals:
+    """Sums over epochs, in little memory: counts (f, methods, events) and draws (f,).
+
+    ``fault_index`` is that of the `Plan`; ``counted``: (epochs,), the epochs of which something was counted.
+    """
+
+    counts: NDArray[np.int64]
+    draws: NDArray[np.int64]
+    fault_index: NDArray[np.int64]
+    counted: NDArray[np.bool_]
+
+    @classmethod
+    def of(cls, task: SweepTask) -> FaultTotals:
+        """Nothing counted yet."""
+        faults, index = len(task.faults), task.plan.fault_index
+        counts = np.zeros((faults, len(task.methods), len(EVENTS)), dtype=np.int64)
+        return cls(counts, np.zeros(faults, dtype=np.int64), index, np.zeros(len(index), dtype=bool))
+
+    @property
+    def epochs(self) -> NDArray[np.int64]:
+        """(f,), epochs behind the counts of each fault; those of a share of a sweep may be part of all."""
+        index = self.fault_index[self.counted]
+        return np.bincount(index[index >= 0], minlength=len(self.draws))
+
+    def add(self, task: SweepTask, part: PartCounts) -> None:
+        """Add a part."""
+        self.counted[part.places] = True
+        place, slot = np.nonzero(self.fault_index[part.places] >= 0)
+        fault = self.fault_index[part.places[place], slot]
+        np.add.at(self.counts, fault, part.counts[place, slot])
+        np.add.at(self.draws, fault, part.draws[place])
+
+
+@dataclass(frozen=True)
+class EpochTotals:
+    """Counts of every epoch: (epochs, width, methods, events), and draws (epochs,)."""
+
+    counts: NDArray[np.int64]
+    draws: NDArray[np.int64]
+
+    @classmethod
+    def of(cls, task: SweepTask) -> EpochTotals:
+        """Nothing counted yet."""
+        shape = (*task.plan.fault_index.shape, len(task.methods), len(EVENTS))
+        return cls(np.zeros(shape, dtype=np.int64), np.zeros(shape[0], dtype=np.int64))
+
+    def add(self, task: SweepTask, part: PartCounts) -> None:
+        """Add a part."""
+        self.counts[part.places] += part.counts
+        self.draws[part.places] += part.draws
+
+
 def epoch_table(task: SweepTask, totals: EpochTotals) -> pd.DataFrame:
     """One row per epoch, method and fault."""
-    plan, methods = task.plan, [method.name for method in task.methods]
+    plan, methods = task.plan, len(task.methods)
     place, slot = np.nonzero((plan.fault_index >= 0) & (totals.draws > 0)[:, None])
-    fault = plan.fault_index[place, slot]
     kept = totals.counts[place, slot]  # (rows, methods, events)
-    rows = len(place)
+    method = np.tile(np.arange(methods), len(place))
+    fault, place = np.repeat(plan.fault_index[place, slot], methods), np.repeat(place, methods)
     columns: dict[str, object] = {
-        "epoch": np.repeat(plan.geometry.epoch[plan.epochs[place]], len(methods)),
-        **_names(task, np.repeat(fault, len(methods)), np.tile(np.arange(len(methods)), rows)),
-        "draws": np.repeat(totals.draws[place], len(methods)),
+        "epoch": plan.geometry.epoch[plan.epochs[place]],
+        **_names(task, fault, method),
+        "draws": totals.draws[place],
     }
     table = with_rates(pd.DataFrame(columns | _count_columns(kept)))
     # Epoch by epoch, then method by method, the faults in the order in which they were asked for.
-    order = np.lexsort(
-        (
-            np.repeat(fault, len(methods)),
-            np.tile(np.arange(len(methods)), rows),
-            np.repeat(place, len(methods)),
-        )
-    )
-    return table.iloc[order].reset_index(drop=True)
+    return table.iloc[np.lexsort((fault, method, place))].reset_index(drop=True)
 
 
 def fault_table(task: SweepTask, totals: FaultTotals) -> pd.DataFrame:
@@ -88,7 +134,7 @@ def with_rates(counts: pd.DataFrame) -> pd.DataFrame:
             # The same counts come again and again; their bounds are worth computing once.
             pairs, place = np.unique(np.stack([seen, draws], axis=1), axis=0, return_inverse=True)
             low, high = (bound[place] for bound in clopper_pearson(pairs[:, 0], pairs[:, 1], CONFIDENCE))
-        columns |= {f"{event.name}_rate": seen / draws, f"{event.name}_low": low, f"{event.name}_high": high}
+        columns |= rate_columns(event.name, seen / draws, low, high)
     return pd.concat([counts, pd.DataFrame(columns, index=counts.index)], axis=1)
 
 

@@ -6,9 +6,10 @@ The rows of a stored part are what a user reads: epoch, fault, method, draws and
 from __future__ import annotations
 
 import functools
+import itertools
 from collections.abc import Callable, Generator, Iterable, Sequence
 from dataclasses import dataclass
-from typing import Any, ClassVar
+from typing import Any, ClassVar, Protocol
 
 import jax.numpy as jnp
 import numpy as np
@@ -18,18 +19,17 @@ from numpy.typing import NDArray
 
 from pl_mc.alert import AlertLimits
 from pl_mc.engine import plan as cut
+from pl_mc.engine.calls import Chunk, run_calls
 from pl_mc.engine.compiling import compiled_count
 from pl_mc.engine.events import EVENTS
-from pl_mc.engine.identity import digest
 from pl_mc.engine.noise import LANES
-from pl_mc.engine.part_task import Kind
-from pl_mc.engine.plan import Chunk, Plan, make_plan
+from pl_mc.engine.part_task import Kind, array_fingerprint
+from pl_mc.engine.plan import Plan, make_plan
 from pl_mc.faults import Faults
 from pl_mc.geometry.record import Geometry
 from pl_mc.methods.base import Method
 from pl_mc.noise_models import GAUSSIAN, NoiseModel
-from pl_mc.runtime.precision import dtype_of, precision_scope
-from pl_mc.runtime.threads import in_order
+from pl_mc.runtime.precision import dtype_of
 
 _COUNTS = [event.count for event in EVENTS]
 
@@ -83,8 +83,8 @@ class SweepTask:
         """What decides the counts, in a form that can be stored and compared."""
         g = self.geometry.as_series()
         asked = {
-            "geometry": digest(g.design, g.sigma_m, g.in_view, g.satellite, g.epoch, g.names),
-            "faults": digest(self.faults.bias_m, self.faults.names, self.faults.labels),
+            "geometry": array_fingerprint(g.design, g.sigma_m, g.in_view, g.satellite, g.epoch, g.names),
+            "faults": array_fingerprint(self.faults.bias_m, self.faults.names, self.faults.labels),
             "draws": self.draws,
             "seed": self.seed,
             "methods": [repr(method) for method in self.methods],
@@ -102,57 +102,35 @@ class SweepTask:
         cases = [self.plan.cases_of(chunk) for number in numbers for chunk in self.plan.chunks(number)]
         return len(cases), sum(cases) / len(cases)
 
-    def count(self, chunk: Chunk, devices: int = 1) -> NDArray[np.int32]:
-        """(e, width, methods, events), the counts of one call."""
+    def count(self, chunk: Chunk, *noise: np.int32, devices: int = 1) -> NDArray[np.int32]:
+        """(e, width, methods, events), the counts of one call, as `run_calls` makes it."""
         dtype = dtype_of(self.precision)
-        # Draws beyond this call are other calls', also where several devices round its blocks up.
-        stop = chunk.first_block * LANES + self.plan.draws_of(chunk)
-        with precision_scope(self.precision):
-            counts = compiled_count(devices)(
-                self.plan.batch(chunk, dtype),
-                np.uint32(self.seed),
-                np.int32(chunk.first_block),
-                np.int32(stop // LANES),
-                np.int32(stop % LANES),
-                jnp.asarray(self.alert.vertical_m, dtype),
-                methods=self.methods,
-                blocks=self.plan.blocks_per_call,
-                noise_model=self.noise,
-            )
-            return np.asarray(counts)[: chunk.stop_epoch - chunk.first_epoch]
+        counts = compiled_count(devices)(
+            self.plan.batch(chunk, dtype), np.uint32(self.seed), *noise, jnp.asarray(self.alert.vertical_m, dtype),
+            methods=self.methods, blocks=self.plan.blocks_per_call, noise_model=self.noise,
+        )  # fmt: skip
+        return np.asarray(counts)[: chunk.size]
 
     def count_parts(
-        self,
-        numbers: Iterable[int],
-        *,
-        threads: int,
-        devices: int = 1,
+        self, numbers: Iterable[int], *, threads: int, devices: int = 1,
         after_call: Callable[[], None] = lambda: None,
-    ) -> Generator[PartCounts]:
+    ) -> Generator[PartCounts]:  # fmt: skip
         """The counts of parts, one after the other; threads go on with the next while the last calls of one run.
 
-        Args:
-            numbers: which parts.
-            threads, devices: what computes.
-            after_call: called when the result of a call is there, for a progress bar.
+        ``after_call`` is called when the result of a call is there, for a progress bar.
         """
-        calls = ((number, chunk) for number in numbers for chunk in self.plan.chunks(number))
-        current: int | None = None
-        found: list[tuple[Chunk, NDArray[np.int32]]] = []
-        shape = self._shape(devices)
-        results = in_order(
-            lambda call: self.count(call[1], devices), calls, threads, compiled=shape in _COMPILED
+        plan, shape, numbers = self.plan, self._shape(devices), list(numbers)
+        results = run_calls(
+            plan, functools.partial(self.count, devices=devices), precision=self.precision, threads=threads,
+            chunks=(chunk for number in numbers for chunk in plan.chunks(number)), compiled=shape in _COMPILED,
         )  # fmt: skip
-        for (number, chunk), counts in results:
+        for number in numbers:
+            gathered = []
+            for result in itertools.islice(results, len(list(plan.chunks(number)))):
+                gathered.append(result)
+                after_call()
             _COMPILED.add(shape)
-            if current is not None and number != current:
-                yield self._gather(current, found)
-                found = []
-            current = number
-            found.append((chunk, counts))
-            after_call()
-        if current is not None:
-            yield self._gather(current, found)
+            yield self._part(number, gathered)
 
     def part_rows(self, part: PartCounts) -> pa.Table:
         """A part as a table, one row for each epoch, fault and method."""
@@ -204,11 +182,19 @@ class SweepTask:
         sizes = (plan.epochs_per_call, plan.blocks_per_call, plan.fault_index.shape[1], *g.design.shape[1:])
         return self.methods, self.noise, self.precision, devices, sizes
 
-    def _gather(self, number: int, found: list[tuple[Chunk, NDArray[np.int32]]]) -> PartCounts:
-        first, stop = found[0][0].first_epoch, found[-1][0].stop_epoch
+    def _part(self, number: int, gathered: list[tuple[Chunk, NDArray[np.int32]]]) -> PartCounts:
+        first, stop = gathered[0][0].first_epoch, gathered[-1][0].stop_epoch
         draws, total = self._nothing(stop - first)
-        for chunk, counts in found:
+        for chunk, counts in gathered:
             rows = slice(chunk.first_epoch - first, chunk.stop_epoch - first)
             draws[rows] += self.plan.draws_of(chunk)
             total[rows] += counts
         return PartCounts(number, np.arange(first, stop), draws, total)
+
+
+class Engine(Protocol):
+    """What counts parts of sweeps: this process, or a cluster."""
+
+    def __call__(
+        self, task: SweepTask, numbers: Sequence[int], after_call: Callable[[], None]
+    ) -> Generator[PartCounts]: ...

@@ -33,7 +33,7 @@ from pl_mc.studies.registry import KINDS, in_todays_words, study_of
 from pl_mc.studies.spec import Experiment, SimulatedGeometry
 from pl_mc.studies.study import Work
 from pl_mc.studies.validation import FieldProblem
-from pl_mc.time_ramps.registry import sequential
+from pl_mc.time_ramps.timing import sequential
 
 _MAKERS = {"methods": method, "tests": detector, "noises": noise_model, "sequential": sequential}
 _RAMP = ("start_m", "stop_m", "step_m")

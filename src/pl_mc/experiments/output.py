@@ -18,8 +18,8 @@ from pathlib import Path
 from typing import Any
 
 from pl_mc.engine import plan
-from pl_mc.engine.identity import environment
 from pl_mc.engine.noise import LANES
+from pl_mc.engine.part_task import environment
 from pl_mc.experiments.loading import in_this_version
 from pl_mc.input_errors import InputError, system_reason
 from pl_mc.report.run_folder import MANIFEST, changed_fields

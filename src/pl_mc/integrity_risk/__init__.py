@@ -1,1 +1,1 @@
-"""Integrity risk: the probability of dangerous events, from the worst fault to the whole budget."""
+"""Integrity risk in five rooms: rare events, worst faults, K factors, tuning, each on those before; budgets."""

@@ -10,18 +10,21 @@ from dataclasses import dataclass
 
 import jax
 import jax.numpy as jnp
+import numpy as np
 from jax import Array
+from numpy.typing import NDArray
 
 from pl_mc.araim.budget import LPV_200, Budget
 from pl_mc.araim.compiled_modes import Priors, compiled_modes
+from pl_mc.araim.levels import protection_levels
 from pl_mc.araim.modes import CONTAINED, UNMONITORED
-from pl_mc.araim.solving import solve_levels
-from pl_mc.araim.subsets import Subsets, Whole, fit_subsets
+from pl_mc.araim.solving import Subsets, Whole, fit_subsets, solve_levels
+from pl_mc.arrays import FloatArray
 from pl_mc.geometry.record import EAST, NORTH, UP
 from pl_mc.input_errors import InputError, require_choice, require_number, require_positive
 from pl_mc.kernels import LeastSquaresSolution, LinearModel
 from pl_mc.kernels.linear_model import COORDINATES, per_lane, product
-from pl_mc.methods.base import Outcome, name_with_options
+from pl_mc.methods.base import Named, Outcome
 
 
 @jax.tree_util.register_dataclass
@@ -46,7 +49,7 @@ class Prepared:
 
 
 @dataclass(frozen=True)
-class Araim:
+class Araim(Named):
     """Advanced RAIM with the model's sigma as that of the integrity model.
 
     There is no solution where there are no levels: where the satellites left by a fault more probable than the
@@ -64,6 +67,8 @@ class Araim:
         budget: the operation's risks.
         unmonitored: ``contained`` or ``plain``, as for `pl_mc.araim.protection_levels`.
     """
+
+    key = "araim"
 
     p_sat: float = 1e-5
     p_const: float = 1e-4
@@ -86,9 +91,25 @@ class Araim:
             raise InputError(f"araim: budget: a budget such as pl_mc.araim.LPV_200 is needed, not {self.budget!r}.")
         require_choice(self.unmonitored, UNMONITORED, field="araim: unmonitored")
 
-    @property
-    def name(self) -> str:
-        return name_with_options("araim", self, Araim())
+    levels_from_geometry = True
+
+    def batched_levels(
+        self, design: FloatArray, sigma_m: FloatArray, in_view: NDArray[np.bool_], systems: NDArray[np.str_]
+    ) -> tuple[FloatArray, FloatArray]:
+        """The levels of `pl_mc.araim`, with the sigma of the model as that of the integrity model."""
+        variance = sigma_m**2
+        letters = sorted(set(np.unique(systems).tolist()) - {""})
+        unknowns = COORDINATES + (design[..., COORDINATES:] != 0).any(axis=1).sum(axis=1)
+        if not letters:
+            nothing = np.full(len(variance), np.inf)
+            return nothing, nothing
+        levels = protection_levels(
+            design, variance, self.accuracy_ratio**2 * variance, systems.tolist(), self.b_nom_m, self.p_sat,
+            dict.fromkeys(letters, self.p_const), self.budget, self.unmonitored, in_view=in_view,
+        )  # fmt: skip
+        # A solution without redundancy counts as none, as for every method.
+        sound = levels.available & (in_view.sum(axis=1) > unknowns)
+        return np.where(sound, levels.hpl_m, np.inf), np.where(sound, levels.vpl_m, np.inf)
 
     def prepare(self, model: LinearModel) -> Prepared:
         priors = Priors(self.p_sat, self.p_const, self.budget.p_threshold, self.unmonitored)
@@ -132,6 +153,15 @@ class Araim:
             vpl_m=level[UP],
             available=available,
         )
+
+    def statistic(self, model: LinearModel, prepared: Prepared, start: LeastSquaresSolution) -> Array:
+        """The largest ratio of a separation and its limit."""
+        limit = prepared.limit_m.reshape(-1)
+        # Modes that are not monitored have an infinite limit.
+        inverse = jnp.where(jnp.isfinite(limit) & (limit > 0), 1.0 / jnp.where(limit > 0, limit, 1.0), 0.0)
+        gain = prepared.gain.reshape(limit.shape[0], -1) * inverse[:, None]
+        ratio = jnp.max(jnp.abs(product(gain, start.residuals)), axis=0)
+        return jnp.where(prepared.available, ratio, jnp.inf)
 
     def solve(self, model: LinearModel, prepared: Prepared, start: LeastSquaresSolution) -> Outcome:
         shape = start.square_sum.shape

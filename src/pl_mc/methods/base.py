@@ -9,13 +9,13 @@ from __future__ import annotations
 
 import inspect
 from dataclasses import dataclass
-from typing import Any, Protocol, runtime_checkable
+from typing import Any, ClassVar, Protocol, runtime_checkable
 
 import jax
 from jax import Array
 
-from pl_mc.input_errors import plain_number
-from pl_mc.kernels import Estimate, LeastSquaresSolution, LinearModel, ProtectionLevels
+from pl_mc.input_errors import plain_number, require_positive
+from pl_mc.kernels import Estimate, LeastSquaresSolution, LinearModel, ProtectionLevels, protection_levels
 
 
 @jax.tree_util.register_dataclass
@@ -44,15 +44,12 @@ class Method(Protocol):
     @property
     def name(self) -> str:
         """The name in tables, the method's own with the options that are not the default in brackets."""
-        ...
 
     def prepare(self, model: LinearModel) -> Any:
         """What depends on the geometry alone, computed once for all its scenarios (any pytree, () for nothing)."""
-        ...
 
     def solve(self, model: LinearModel, prepared: Any, start: LeastSquaresSolution) -> Outcome:
         """The outcome of each lane of ``start``."""
-        ...
 
 
 def outcome_of(estimate: Estimate, levels: ProtectionLevels) -> Outcome:
@@ -76,3 +73,42 @@ def name_with_options(base: str, options: Any, defaults: Any) -> str:
         if (value := getattr(options, field)) != getattr(defaults, field)
     ]
     return f"{base}({','.join(changed)})" if changed else base
+
+
+def require_multipliers(method: Any) -> None:
+    """Raise `InputError` unless both multipliers of the levels of a `Named` method are positive."""
+    for field in ("k_horizontal", "k_vertical"):
+        require_positive(getattr(method, field), field=f"{method.key}: {field}")
+
+
+class Named:
+    """A record whose name is its key, with the options that are not the default."""
+
+    key: ClassVar[str]
+
+    @property
+    def name(self) -> str:
+        return name_with_options(self.key, self, type(self)())
+
+
+class Estimator(Named):
+    """An estimate with the protection levels of its posterior variance, and no test of its own."""
+
+    k_horizontal: float
+    k_vertical: float
+
+    scales_with_k = "k_vertical"
+
+    def __post_init__(self) -> None:
+        require_multipliers(self)
+
+    def _estimate(self, model: LinearModel, start: LeastSquaresSolution) -> Estimate:
+        raise NotImplementedError
+
+    def prepare(self, model: LinearModel) -> Any:
+        return ()
+
+    def solve(self, model: LinearModel, prepared: Any, start: LeastSquaresSolution) -> Outcome:
+        estimate = self._estimate(model, start)
+        levels = protection_levels(estimate, k_horizontal=self.k_horizontal, k_vertical=self.k_vertical)
+        return outcome_of(estimate, levels)

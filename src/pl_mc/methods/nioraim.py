@@ -13,7 +13,7 @@ from pl_mc.kernels import LeastSquaresSolution, LinearModel, ProtectionLevels
 from pl_mc.kernels.leave_one_out import covariance_of, effect_floor, largest_slopes, projections
 from pl_mc.kernels.linear_model import COORDINATES, add_empty, product, redundancy_floor
 from pl_mc.kernels.small_matrix import cholesky, solve
-from pl_mc.methods.base import Outcome, name_with_options
+from pl_mc.methods.base import Named, Outcome
 from pl_mc.methods.raim_levels import (
     FORMS,
     NONCENTRAL,
@@ -49,7 +49,7 @@ class Prepared:
 
 
 @dataclass(frozen=True)
-class Nioraim:
+class Nioraim(Named):
     """Novel integrity-optimised RAIM (Hwang & Brown 2006): x = (A'WPA)^-1 A'WP L with weights W beside P.
 
     The position S L stays unbiased for every W, and the test stays that of the parity vector, which W does not
@@ -77,6 +77,8 @@ class Nioraim:
         iterations: weights tried after those of least squares.
     """
 
+    key = "nioraim"
+
     p_fa: float = P_FA
     p_md: float = P_MD
     form: str = NONCENTRAL
@@ -89,9 +91,7 @@ class Nioraim:
         require_choice(self.target, (VERTICAL, HORIZONTAL), field="nioraim: target")
         require_whole(self.iterations, field="nioraim: iterations", low=1)
 
-    @property
-    def name(self) -> str:
-        return name_with_options("nioraim", self, Nioraim())
+    levels_from_geometry = True
 
     def prepare(self, model: LinearModel) -> Prepared:
         parts = projections(model)

@@ -13,16 +13,15 @@ from pl_mc.input_errors import InputError
 from pl_mc.kernels import LeastSquaresSolution, LinearModel, ProtectionLevels
 from pl_mc.kernels.leave_one_out import (
     Projections,
-    Remaining,
     all_in_view,
     before_observations,
     parity_basis,
     projections,
 )
 from pl_mc.kernels.linear_model import COORDINATES, product, redundancy_floor
-from pl_mc.methods.base import Outcome, name_with_options
-from pl_mc.methods.exclusion import exclude_and_test, levels_of, require_level
-from pl_mc.methods.raim_levels import LINE, P_FA, P_MD, at_dof, decided, require_risks, thresholds
+from pl_mc.methods.base import Outcome
+from pl_mc.methods.exclusion import Excluding, exclude_and_test
+from pl_mc.methods.raim_levels import LINE, P_FA, P_MD, SIGMA, at_dof, decided, thresholds
 
 
 @jax.tree_util.register_dataclass
@@ -46,7 +45,7 @@ class Prepared:
 
 
 @dataclass(frozen=True)
-class Parity:
+class Parity(Excluding):
     """Parity-space RAIM (after Sturza 1988): p = Q z with Q A = 0 and Q Q' = I; |p|^2 > T rejects.
 
     Q'Q = R, so |p|^2 is V'PV and the test is the chi-square test of the residuals, draw by draw; the column of
@@ -76,6 +75,8 @@ class Parity:
         k_horizontal, k_vertical: multipliers, for ``sigma`` alone.
     """
 
+    key = "parity"
+
     p_fa: float = P_FA
     p_md: float = P_MD
     form: str = LINE
@@ -84,14 +85,17 @@ class Parity:
     k_vertical: float = K_VERTICAL
 
     def __post_init__(self) -> None:
-        require_risks("parity", p_fa=self.p_fa, p_md=self.p_md)
-        require_level("parity", self.form, self.k_horizontal, self.k_vertical)
+        super().__post_init__()
         if not isinstance(self.exclude, bool):
             raise InputError(f"parity: exclude: true or false is needed, not {self.exclude!r}.")
 
     @property
-    def name(self) -> str:
-        return name_with_options("parity", self, Parity())
+    def levels_from_geometry(self) -> bool:
+        return not self.exclude
+
+    @property
+    def scales_with_k(self) -> str | None:
+        return "k_vertical" if self.form == SIGMA else None
 
     def prepare(self, model: LinearModel) -> Prepared:
         parts = projections(model)
@@ -108,6 +112,9 @@ class Parity:
             levels=self._levels(parts, before_observations(model, parts)),
         )
 
+    def statistic(self, model: LinearModel, prepared: Prepared, start: LeastSquaresSolution) -> Array:
+        return start.square_sum / prepared.threshold
+
     def solve(self, model: LinearModel, prepared: Prepared, start: LeastSquaresSolution) -> Outcome:
         # Of the observations only the residuals are not explained by the model: Q z = Q e.
         parity = product(prepared.basis, start.residuals)
@@ -119,9 +126,3 @@ class Parity:
             suspicion=jnp.abs(product(prepared.directions, parity)), found=found, p_fa=self.p_fa,
         )  # fmt: skip
         return decided(model.available, used.error_m, self._levels(prepared.parts, used), alarm)
-
-    def _levels(self, parts: Projections, left: Remaining) -> ProtectionLevels:
-        return levels_of(
-            parts, left, form=self.form, p_fa=self.p_fa, p_md=self.p_md,
-            k_horizontal=self.k_horizontal, k_vertical=self.k_vertical,
-        )  # fmt: skip

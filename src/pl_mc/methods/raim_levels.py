@@ -24,19 +24,21 @@ All but the last two neglect the noise of the position: they bound its mean.
 from __future__ import annotations
 
 import functools
+from typing import Any
 
 import jax.numpy as jnp
 import numpy as np
 from jax import Array
-from numpy.typing import NDArray
 from scipy import optimize, special
 
+from pl_mc.arrays import FloatArray
 from pl_mc.detectors.base import by_count
 from pl_mc.input_errors import InputError, require_number
-from pl_mc.kernels import ProtectionLevels
+from pl_mc.kernels import LeastSquaresSolution, LinearModel, ProtectionLevels
 from pl_mc.kernels.estimate import safe_sqrt
 from pl_mc.kernels.leave_one_out import major_axis
-from pl_mc.methods.base import Outcome
+from pl_mc.kernels.linear_model import COORDINATES
+from pl_mc.methods.base import Named, Outcome
 from pl_mc.statistics.noncentral import split_at_threshold
 from pl_mc.statistics.student import chi2_threshold
 
@@ -70,13 +72,13 @@ def require_risks(owner: str, **probabilities: float) -> None:
 
 
 @functools.lru_cache(maxsize=64)
-def thresholds(most: int, p_fa: float) -> NDArray[np.float64]:
+def thresholds(most: int, p_fa: float) -> FloatArray:
     """(most + 1,), threshold of V'PV by degrees of freedom; infinite for none."""
     return np.concatenate([[np.inf], chi2_threshold(np.arange(1, most + 1), p_fa)])
 
 
 @functools.lru_cache(maxsize=64)
-def protected_sizes(most: int, p_fa: float, p_md: float, form: str) -> NDArray[np.float64]:
+def protected_sizes(most: int, p_fa: float, p_md: float, form: str) -> FloatArray:
     """(most + 1,), by degrees of freedom: the size of a fault, sqrt(noncentrality), that multiplies a slope.
 
     Zero for no degree of freedom, where there is no level.
@@ -104,7 +106,7 @@ def _noncentral_size(dof: int, limit: float, p_md: float) -> float:
     return float(optimize.brentq(excess, 0.0, limit + abs(special.ndtri(p_md)) + 1.0, xtol=1e-12, rtol=1e-13))
 
 
-def at_dof(table: NDArray[np.float64], dof: Array) -> Array:
+def at_dof(table: FloatArray, dof: Array) -> Array:
     """The entry of a table by degrees of freedom, which may differ from lane to lane."""
     return by_count(table, dof.dtype, jnp.clip(dof, 0, len(table) - 1))
 
@@ -159,3 +161,26 @@ def decided(available: Array, error_m: Array, levels: ProtectionLevels, rejects:
         available=sound,
         rejects=sound & rejects,
     )
+
+
+class ChiSquareTested(Named):
+    """Least squares whose V'PV is tested against its chi-square threshold, with levels of the geometry alone."""
+
+    p_fa: float
+
+    levels_from_geometry = True
+
+    def _levels(self, model: LinearModel) -> ProtectionLevels:
+        raise NotImplementedError
+
+    def prepare(self, model: LinearModel) -> tuple[Array, ProtectionLevels]:
+        """Threshold and levels."""
+        levels = self._levels(model)
+        return at_dof(thresholds(model.design.shape[0], self.p_fa), model.dof), levels
+
+    def statistic(self, model: LinearModel, prepared: Any, start: LeastSquaresSolution) -> Array:
+        return start.square_sum / prepared[0]
+
+    def solve(self, model: LinearModel, prepared: Any, start: LeastSquaresSolution) -> Outcome:
+        threshold, levels = prepared
+        return decided(model.available, start.state[:COORDINATES], levels, start.square_sum > threshold)

@@ -8,14 +8,14 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 from jax import Array
-from numpy.typing import NDArray
 from scipy import special
 
+from pl_mc.arrays import FloatArray
 from pl_mc.input_errors import require_choice
 from pl_mc.kernels import LeastSquaresSolution, LinearModel, ProtectionLevels
 from pl_mc.kernels.leave_one_out import Projections, covariance_of, largest_slopes, parity_basis, projections
 from pl_mc.kernels.linear_model import COORDINATES, product, redundancy_floor
-from pl_mc.methods.base import Outcome, name_with_options
+from pl_mc.methods.base import Named, Outcome
 from pl_mc.methods.raim_levels import P_FA, P_MD, at_dof, decided, require_risks
 
 MINIMAL, OTHERS = "minimal", "others"
@@ -39,13 +39,12 @@ class Prepared:
 
 
 @dataclass(frozen=True)
-class RangeComparison:
+class RangeComparison(Named):
     """Range comparison (after Lee 1986): a range that differs too much from its prediction rejects.
 
     ``minimal``: t satellites determine the unknowns and predict the ranges of the n - t others, d = z_s - A_s
-    A_b^-1 z_b, with covariance I + A_s (A_b'A_b)^-1 A_s' (in units of sigma). Which ones serve as the base is
-    decided by the
-    geometry: the others are picked one by one as those that the rest misses least (`parity_basis`). ``others``:
+    A_b^-1 z_b, with covariance I + A_s (A_b'A_b)^-1 A_s' (in units of sigma). The geometry decides which ones serve
+    as the base: the others are picked one by one as those that the rest misses least (`parity_basis`). ``others``:
     every satellite is predicted from all others, which is d_i = e_i / r_i with variance 1 / r_i. Each |d_j| over
     its standard deviation is compared with Q^-1(p_fa / (2 m)), m the number of comparisons, so that a false alarm
     has at most the probability p_fa (exactly that for m = 1, Bonferroni's inequality beyond).
@@ -68,6 +67,8 @@ class RangeComparison:
         base: ``minimal`` or ``others``.
     """
 
+    key = "range_comparison"
+
     p_fa: float = P_FA
     p_md: float = P_MD
     base: str = MINIMAL
@@ -76,9 +77,7 @@ class RangeComparison:
         require_risks("range_comparison", p_fa=self.p_fa, p_md=self.p_md)
         require_choice(self.base, (MINIMAL, OTHERS), field="range_comparison: base")
 
-    @property
-    def name(self) -> str:
-        return name_with_options("range_comparison", self, RangeComparison())
+    levels_from_geometry = True
 
     def prepare(self, model: LinearModel) -> Prepared:
         parts = projections(model)
@@ -96,9 +95,17 @@ class RangeComparison:
         size = jnp.maximum(threshold - float(special.ndtri(self.p_md)), 0.0)
         return Prepared(comparisons, threshold, ProtectionLevels(hpl_m=horizontal * size, vpl_m=vertical * size))
 
+    def statistic(self, model: LinearModel, prepared: Prepared, start: LeastSquaresSolution) -> Array:
+        return _largest(prepared, start) / prepared.threshold
+
     def solve(self, model: LinearModel, prepared: Prepared, start: LeastSquaresSolution) -> Outcome:
-        largest = jnp.max(jnp.abs(product(prepared.comparisons, start.residuals)), axis=0)
-        return decided(model.available, start.state[:COORDINATES], prepared.levels, largest > prepared.threshold)
+        rejects = _largest(prepared, start) > prepared.threshold
+        return decided(model.available, start.state[:COORDINATES], prepared.levels, rejects)
+
+
+def _largest(prepared: Prepared, start: LeastSquaresSolution) -> Array:
+    """(...), the largest comparison."""
+    return jnp.max(jnp.abs(product(prepared.comparisons, start.residuals)), axis=0)
 
 
 def _minimal(model: LinearModel, parts: Projections) -> Array:
@@ -124,6 +131,6 @@ def _minimal(model: LinearModel, parts: Projections) -> Array:
     return product(inverse.T, basis)
 
 
-def _quantiles(most: int, p_fa: float) -> NDArray[np.float64]:
+def _quantiles(most: int, p_fa: float) -> FloatArray:
     """(most + 1,), Q^-1(p_fa / (2 m)) by the number m of comparisons; that of one for none."""
     return np.asarray(-special.ndtri(p_fa / (2.0 * np.maximum(np.arange(most + 1), 1))))

@@ -11,7 +11,8 @@ To add a model, write a file beside this one and list its class in `pl_mc.noise_
 from __future__ import annotations
 
 from collections.abc import Sequence
-from typing import Any, Protocol, runtime_checkable
+from dataclasses import dataclass
+from typing import Any, ClassVar, Protocol, runtime_checkable
 
 from jax import Array
 
@@ -27,21 +28,17 @@ class NoiseModel(Protocol):
     @property
     def name(self) -> str:
         """The name in tables, the model's own with its options in brackets."""
-        ...
 
     @property
     def inputs_per_row(self) -> int:
         """How many standard normal numbers make the error of one satellite."""
-        ...
 
     @property
     def shifts_only(self) -> bool:
         """Whether errors are Gaussian but for a constant; then the whitened noise has no preferred axes."""
-        ...
 
     def require_geometry(self, g: Geometry) -> None:
         """Raise `InputError` where the model cannot serve a geometry."""
-        ...
 
     def shape(self, model: LinearModel, units: Sequence[Array]) -> Array:
         """(n, lanes), errors in units of each satellite's sigma, finite also on padding.
@@ -50,7 +47,27 @@ class NoiseModel(Protocol):
             model: the epoch; sigma, elevations and least-squares gains follow from it.
             units: ``inputs_per_row`` arrays (n, lanes), independent standard normal.
         """
-        ...
+
+
+class OneNumber:
+    """What most models have in common: one number a satellite, errors that are not Gaussian, any geometry."""
+
+    base_name: ClassVar[str]
+
+    @property
+    def name(self) -> str:
+        return name_with_all_options(self.base_name, self)
+
+    @property
+    def inputs_per_row(self) -> int:
+        return 1
+
+    @property
+    def shifts_only(self) -> bool:
+        return False
+
+    def require_geometry(self, g: Geometry) -> None:
+        return None
 
 
 def make_floats(record: Any, *fields: str) -> None:
@@ -70,3 +87,20 @@ def name_with_all_options(base: str, record: Any) -> str:
     fields = {field: getattr(record, field) for field in record.__dataclass_fields__}
     told = ",".join(f"{field}={text(value)}" for field, value in fields.items() if value is not None)
     return f"{base}({told})" if told else base
+
+
+@dataclass(frozen=True)
+class Gaussian(OneNumber):
+    """Independent errors with the sigma that the receiver believes: the noise of Zhao et al. 2021."""
+
+    base_name = "gaussian"
+
+    @property
+    def shifts_only(self) -> bool:
+        return True
+
+    def shape(self, model: LinearModel, units: Sequence[Array]) -> Array:
+        return units[0]
+
+
+GAUSSIAN = Gaussian()

@@ -15,10 +15,9 @@ from dataclasses import dataclass
 import jax.numpy as jnp
 import numpy as np
 from jax import Array
-from numpy.typing import NDArray
 from scipy import special
 
-FloatArray = NDArray[np.float64]
+from pl_mc.arrays import FloatArray
 
 # P(z > 37) is 6e-300: what lies beyond has no weight in any estimate.
 _LAST = 37

@@ -5,15 +5,13 @@ from __future__ import annotations
 from collections.abc import Hashable
 from typing import Any
 
+from pl_mc.geometry.record import Geometry
 from pl_mc.input_errors import InputError
 from pl_mc.named import build_named
-from pl_mc.noise_models.base import NoiseModel
+from pl_mc.noise_models.base import Gaussian, NoiseModel
 from pl_mc.noise_models.gauss_markov import GaussMarkov
-from pl_mc.noise_models.gaussian import Gaussian
-from pl_mc.noise_models.gaussian_mixture import GaussianMixture
-from pl_mc.noise_models.multipath import Multipath
-from pl_mc.noise_models.nominal_bias import NominalBias
-from pl_mc.noise_models.student_t import StudentT
+from pl_mc.noise_models.heavy_tails import GaussianMixture, StudentT
+from pl_mc.noise_models.off_centre import Multipath, NominalBias
 
 NOISE_MODELS: dict[str, type] = {
     "gaussian": Gaussian,
@@ -29,10 +27,10 @@ def noise_model(name: str, **options: Any) -> NoiseModel:
     return build_named(name, NOISE_MODELS, options, what="noise")
 
 
-def as_noise_model(noise: str | NoiseModel) -> NoiseModel:
-    """A name or a record, made a record; an `InputError` for strangers."""
+def as_noise_model(noise: str | NoiseModel, g: Geometry | None = None) -> NoiseModel:
+    """A name or a record, made a record; an `InputError` for strangers and for what cannot serve a geometry."""
     if isinstance(noise, str):
-        return noise_model(noise)
+        noise = noise_model(noise)
     if isinstance(noise, GaussMarkov):
         raise InputError(
             "noise: errors correlated in time are Gaussian at every epoch, so that no rate per epoch changes; "
@@ -41,4 +39,6 @@ def as_noise_model(noise: str | NoiseModel) -> NoiseModel:
     # A compiled function is found again by its records, so they have to be hashable.
     if isinstance(noise, type) or not isinstance(noise, NoiseModel) or not isinstance(noise, Hashable):
         raise InputError(f"noise: {noise!r} is no noise model (valid names: {', '.join(NOISE_MODELS)}).")
+    if g is not None:
+        noise.require_geometry(g)
     return noise

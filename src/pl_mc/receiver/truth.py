@@ -115,20 +115,25 @@ def _read_track(path: Path) -> Truth:
                 continue
         if len(fields) != len(columns):
             raise InputError(f"{path}, line {count}: {len(columns)} columns are needed, not {len(fields)}.")
-        time_s, values = _sample(path, count, fields, columns)
+        where = f"{path}, line {count}"
+        time_s, values = _sample(where, fields, columns)
         if times and time_s <= times[-1]:
-            raise InputError(f"{path}, line {count}: its time does not follow that of the line before.")
-        _require_possible_step(path, count, times, rows, time_s, values, geodetic=columns != _XYZ_COLUMNS)
+            raise InputError(f"{where}: its time does not follow that of the line before.")
+        if times:
+            _require_possible_step(where, time_s - times[-1], _positions([rows[-1], values], columns))
         times.append(time_s)
         rows.append(values)
-    if not times:
+    if columns is None or not times:
         raise InputError(f"{path}: the track has no samples.")
-    values_of = np.array(rows)
-    geodetic = columns != _XYZ_COLUMNS
-    position = values_of
-    if geodetic:
-        position = from_geodetic(np.radians(values_of[:, 0]), np.radians(values_of[:, 1]), values_of[:, 2])
-    return Truth(time_gps_s=np.array(times), position_m=position, source=str(path))
+    return Truth(time_gps_s=np.array(times), position_m=_positions(rows, columns), source=str(path))
+
+
+def _positions(rows: Sequence[Sequence[float]], columns: tuple[str, ...]) -> NDArray[np.float64]:
+    """(k, 3), Earth-fixed positions of the coordinates of lines [m]."""
+    values = np.array(rows)
+    if columns == _XYZ_COLUMNS:
+        return values
+    return from_geodetic(np.radians(values[:, 0]), np.radians(values[:, 1]), values[:, 2])
 
 
 def _lines(path: Path) -> list[str]:
@@ -160,15 +165,14 @@ def _columns(path: Path, count: int, fields: Sequence[str]) -> tuple[tuple[str, 
     )
 
 
-def _sample(path: Path, count: int, fields: Sequence[str], columns: tuple[str, ...]) -> tuple[float, list[float]]:
+def _sample(where: str, fields: Sequence[str], columns: tuple[str, ...]) -> tuple[float, list[float]]:
     """Time [s] and the three coordinates of a line."""
     numbers = []
     for name, field in zip(columns, fields, strict=True):
         number = _number(field)
         if number is None:
-            raise InputError(f"{path}, line {count}: the {name} {field!r} is not a finite number.")
+            raise InputError(f"{where}: the {name} {field!r} is not a finite number.")
         numbers.append(number)
-    where = f"{path}, line {count}"
     if columns == _XYZ_COLUMNS:
         if not 0.0 <= numbers[0] < _LAST_WEEK * SECONDS_PER_WEEK:
             raise InputError(f"{where}: the time_gps_s {numbers[0]:g} is outside GPS weeks 0 to {_LAST_WEEK:g}.")
@@ -189,27 +193,13 @@ def _sample(path: Path, count: int, fields: Sequence[str], columns: tuple[str, .
     return week * SECONDS_PER_WEEK + seconds, geodetic
 
 
-def _require_possible_step(
-    path: Path,
-    count: int,
-    times: Sequence[float],
-    rows: Sequence[Sequence[float]],
-    time_s: float,
-    values: Sequence[float],
-    *,
-    geodetic: bool,
-) -> None:
-    """Raise `InputError` where a track goes faster from its last sample to this one than anything that flies."""
-    if not times:
-        return
-    ends = np.array([rows[-1], values])
-    if geodetic:
-        ends = from_geodetic(np.radians(ends[:, 0]), np.radians(ends[:, 1]), ends[:, 2])
-    distance_m = float(np.linalg.norm(ends[1] - ends[0]))
-    if distance_m > FASTEST_M_S * (time_s - times[-1]) + _SMALLEST_JUMP_M:
+def _require_possible_step(where: str, step_s: float, ends_m: NDArray[np.float64]) -> None:
+    """Raise `InputError` where a track goes from one position to the next faster than anything that flies."""
+    distance_m = float(np.linalg.norm(ends_m[1] - ends_m[0]))
+    if distance_m > FASTEST_M_S * step_s + _SMALLEST_JUMP_M:
         raise InputError(
-            f"{path}, line {count}: the track jumps by {distance_m / 1e3:.6g} km within {time_s - times[-1]:g} s; "
-            "one of the two positions is damaged."
+            f"{where}: the track jumps by {distance_m / 1e3:.6g} km within {step_s:g} s; one of the two positions "
+            "is damaged."
         )
 
 

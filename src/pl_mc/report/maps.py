@@ -24,7 +24,7 @@ from numpy.typing import NDArray
 
 from pl_mc.geometry.record import SYSTEM_NAMES, Geometry
 from pl_mc.report.figures import in_common_look, new_figure, note, series_style
-from pl_mc.service.grid import WorldGrid
+from pl_mc.service.sky import WorldGrid
 
 # Edges of the colours of an availability; the last colour is for all of the time.
 _SHARES = (0.0, 0.5, 0.9, 0.95, 0.99, 0.995, 0.999)

@@ -27,10 +27,9 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from pl_mc.arrays import FloatArray
 from pl_mc.input_errors import InputError, plain_number, require_positive
 from pl_mc.statistics.intervals import shared_noise_bounds
-
-FloatArray = NDArray[np.float64]
 
 
 @dataclass(frozen=True)
@@ -87,11 +86,9 @@ def as_durations(durations_s: Any, *, step_s: float, epochs: int) -> tuple[Durat
 
 
 def run_counts(serves: NDArray[np.bool_], j: int) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
-    """(sites,) starts with service that have j further epochs, and those of them that keep it at all of these.
+    """(sites,) starts with service that have j further epochs (1 or more), and those that keep it at all of these.
 
-    Args:
-        serves: (sites, epochs, draws), where there is service; a draw is followed from epoch to epoch.
-        j: number of further epochs, at least 1.
+    ``serves`` is (sites, epochs, draws); a draw is followed from epoch to epoch.
     """
     starts = serves[:, : serves.shape[1] - j]
     stays = starts.copy()
@@ -107,12 +104,8 @@ def continuity(
 
     Bounds are those of R_j in the same combination: after Clopper and Pearson, the starts being the trials, and for
     j of 2 or more with a j-th of the starts as trials (`pl_mc.statistics.intervals.shared_noise_bounds`). Where
-    there are two R_j each takes half of the 5 %.
-
-    Args:
-        duration: the operation.
-        counts: starts and stays (...,) of `run_counts`, by j.
-        exact: whether no noise is behind the counts; both bounds are then the value.
+    there are two R_j each takes half of the 5 %. Where no noise is behind the counts (``exact``) both bounds are
+    the value. ``counts`` are starts and stays (...,) of `run_counts`, by j.
     """
     rates = {}
     for j in duration.runs:

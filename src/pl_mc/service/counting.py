@@ -4,17 +4,17 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from itertools import product
 
 import numpy as np
 import pandas as pd
 from numpy.typing import NDArray
 
 from pl_mc.alert import AlertLimits
+from pl_mc.arrays import FloatArray
 from pl_mc.service.continuity import Duration, continuity, joined, run_counts
-from pl_mc.service.grid import WorldGrid
-from pl_mc.statistics.intervals import clopper_pearson, shared_noise_bounds
-
-FloatArray = NDArray[np.float64]
+from pl_mc.service.sky import WorldGrid
+from pl_mc.statistics.intervals import clopper_pearson, rate_columns, shared_noise_bounds
 
 # Shares of the time at which levels are told: a level that is not exceeded half of it, and 99 % of it.
 QUANTILES = (("50", 0.50), ("99", 0.99))
@@ -70,12 +70,9 @@ class ServiceCounts:
         )
 
     def add(
-        self,
-        sites: slice,
-        weight: FloatArray,
-        levels: Sequence[tuple[FloatArray, FloatArray]],
+        self, sites: slice, weight: FloatArray, levels: Sequence[tuple[FloatArray, FloatArray]],
         operations: Sequence[AlertLimits],
-    ) -> None:
+    ) -> None:  # fmt: skip
         """Count the levels (sites, epochs, draws) of some sites, HPL and VPL of each method."""
         for m, (hpl, vpl) in enumerate(levels):
             for part, level in enumerate((hpl, vpl)):
@@ -105,13 +102,8 @@ class ServiceCounts:
 
     def arrays(self) -> dict[str, NDArray]:
         """What was counted, by name; not copies."""
-        found: dict[str, NDArray] = {
-            "available": self.available,
-            "may_lose": self.may_lose,
-            "may_gain": self.may_gain,
-            _OF_ALL_SITES: self.by_epoch,
-            "levels_m": self.levels_m,
-        }
+        names = ("available", "may_lose", "may_gain", _OF_ALL_SITES, "levels_m")
+        found: dict[str, NDArray] = {name: getattr(self, name) for name in names}
         for j, (started, stayed) in self.runs.items():
             found |= {f"started_{j}": started, f"stayed_{j}": stayed}
         return found
@@ -145,13 +137,8 @@ def weighted_rate(
     """Area-weighted rate over sites and its bounds; NaN, 0 and 1 without trials.
 
     Bounds are those of as many independent trials as have the variance of the weighted mean (Kish's effective
-    number), as `pl_mc.statistics.intervals.shared_noise_bounds` takes them.
-
-    Args:
-        weight: (sites,), of each trial at a site.
-        events, trials: (sites,).
-        shared: how many trials of a site, on end, share draws: no more than one in so many is independent.
-        confidence: of the bounds.
+    number), as `pl_mc.statistics.intervals.shared_noise_bounds` takes them. Arrays are (sites,); of ``shared``
+    trials of a site, on end, that share draws no more than one is independent.
     """
     total = float(weight @ trials)
     if total == 0.0:
@@ -167,36 +154,18 @@ def site_table(
     durations: Sequence[Duration],
 ) -> pd.DataFrame:  # fmt: skip
     """One row per site, method and operation: availability and continuity with counts and bounds."""
-    sites = len(grid)
     parts = []
-    for m, method in enumerate(methods):
-        for o, operation in enumerate(operations):
-            available, scenarios = counts.available[:, m, o], int(counts.scenarios[m])
-            low, high = counts.availability_bounds(m, o)
-            columns: dict[str, object] = {
-                "site": np.arange(sites),
-                "latitude_deg": grid.latitude_deg,
-                "longitude_deg": grid.longitude_deg,
-                "method": method,
-                "operation": operation,
-                "scenarios": scenarios,
-                "available": available,
-                "availability_rate": available / scenarios,
-                "availability_low": low,
-                "availability_high": high,
-            }
-            here = {j: (started[:, m, o], stayed[:, m, o]) for j, (started, stayed) in counts.runs.items()}
-            for duration in durations:
-                last = duration.runs[-1]
-                value, below, above = continuity(duration, here, exact=bool(counts.exact[m]))
-                columns |= {
-                    f"started_{duration.label}": here[last][0],
-                    f"stayed_{duration.label}": here[last][1],
-                    f"continuity_{duration.label}_rate": value,
-                    f"continuity_{duration.label}_low": below,
-                    f"continuity_{duration.label}_high": above,
-                }
-            parts.append(pd.DataFrame(columns))
+    for (m, method), (o, operation) in product(enumerate(methods), enumerate(operations)):
+        available, scenarios = counts.available[:, m, o], int(counts.scenarios[m])
+        columns = place_columns(grid) | {"method": method, "operation": operation}
+        columns |= {"scenarios": scenarios, "available": available}
+        columns |= rate_columns("availability", available / scenarios, *counts.availability_bounds(m, o))
+        here = {j: (started[:, m, o], stayed[:, m, o]) for j, (started, stayed) in counts.runs.items()}
+        for one in durations:
+            columns |= dict(zip(_run_names(one), here[one.runs[-1]], strict=True))
+            rates = continuity(one, here, exact=bool(counts.exact[m]))
+            columns |= rate_columns(f"continuity_{one.label}", *rates)
+        parts.append(pd.DataFrame(columns))
     return pd.concat(parts, ignore_index=True)
 
 
@@ -211,50 +180,39 @@ def world_table(
     """
     weight = grid.weight
     rows = []
-    for m, method in enumerate(methods):
-        for o, operation in enumerate(operations):
-            available = counts.available[:, m, o]
-            trials = np.full(len(grid), counts.scenarios[m])
-            rate, low, high = weighted_rate(weight, available, trials)
-            by_site = available / trials
-            lowest, highest = counts.availability_bounds(m, o)
-            if counts.exact[m]:
-                low, high = float(weight @ lowest), min(float(weight @ highest), 1.0)
-            worst = int(np.argmin(by_site))
-            row: dict[str, object] = {
-                "method": method,
-                "operation": operation,
-                "scenarios": int(trials.sum()),
-                "available": int(available.sum()),
-                "availability_rate": rate,
-                "availability_low": low,
-                "availability_high": high,
-                "coverage_sites": int((by_site >= COVERED).sum()),
-                "sites": len(grid),
-                "coverage_rate": float(weight @ (by_site >= COVERED)),
-                "coverage_low": float(weight @ (lowest >= COVERED)),
-                "coverage_high": float(weight @ (highest >= COVERED)),
-                "worst_rate": float(by_site[worst]),
-                "worst_latitude_deg": float(grid.latitude_deg[worst]),
-                "worst_longitude_deg": float(grid.longitude_deg[worst]),
-            }
-            for duration in durations:
-                rates = {}
-                for j in duration.runs:
-                    begun, kept = (part[:, m, o] for part in counts.runs[j])
-                    one = weighted_rate(weight, kept, begun, shared=j, confidence=duration.confidence)
-                    # Without noise there is nothing that bounds could be about: see `pl_mc.service.continuity`.
-                    rates[j] = tuple(np.asarray(part) for part in ((one[0],) * 3 if counts.exact[m] else one))
-                started, stayed = (part[:, m, o] for part in counts.runs[duration.runs[-1]])
-                value, below, above = joined(duration, rates)
-                row |= {
-                    f"started_{duration.label}": int(started.sum()),
-                    f"stayed_{duration.label}": int(stayed.sum()),
-                    f"continuity_{duration.label}_rate": float(value),
-                    f"continuity_{duration.label}_low": float(below),
-                    f"continuity_{duration.label}_high": float(above),
-                }
-            rows.append(row)
+    for (m, method), (o, operation) in product(enumerate(methods), enumerate(operations)):
+        available = counts.available[:, m, o]
+        trials = np.full(len(grid), counts.scenarios[m])
+        rate, low, high = weighted_rate(weight, available, trials)
+        by_site = available / trials
+        lowest, highest = counts.availability_bounds(m, o)
+        if counts.exact[m]:
+            low, high = float(weight @ lowest), min(float(weight @ highest), 1.0)
+        worst = int(np.argmin(by_site))
+        row: dict[str, object] = {
+            "method": method,
+            "operation": operation,
+            "scenarios": int(trials.sum()),
+            "available": int(available.sum()),
+            **rate_columns("availability", rate, low, high),
+            "coverage_sites": int((by_site >= COVERED).sum()),
+            "sites": len(grid),
+            **rate_columns("coverage", *(float(weight @ (of >= COVERED)) for of in (by_site, lowest, highest))),
+            "worst_rate": float(by_site[worst]),
+            "worst_latitude_deg": float(grid.latitude_deg[worst]),
+            "worst_longitude_deg": float(grid.longitude_deg[worst]),
+        }
+        here = {j: (started[:, m, o], stayed[:, m, o]) for j, (started, stayed) in counts.runs.items()}
+        for one in durations:
+            rates = {}
+            for j in one.runs:
+                begun, kept = here[j]
+                found = weighted_rate(weight, kept, begun, shared=j, confidence=one.confidence)
+                # Without noise there is nothing that bounds could be about: see `pl_mc.service.continuity`.
+                rates[j] = tuple(np.asarray(part) for part in ((found[0],) * 3 if counts.exact[m] else found))
+            row |= {name: int(part.sum()) for name, part in zip(_run_names(one), here[one.runs[-1]], strict=True)}
+            row |= rate_columns(f"continuity_{one.label}", *map(float, joined(one, rates)))
+        rows.append(row)
     return pd.DataFrame(rows)
 
 
@@ -262,13 +220,35 @@ def level_table(counts: ServiceCounts, grid: WorldGrid, methods: Sequence[str]) 
     """One row per site and method: levels not exceeded in 50 % and in 99 % of the scenarios [m]."""
     parts = []
     for m, method in enumerate(methods):
-        columns: dict[str, object] = {
-            "site": np.arange(len(grid)),
-            "latitude_deg": grid.latitude_deg,
-            "longitude_deg": grid.longitude_deg,
-            "method": method,
-        }
+        columns = place_columns(grid) | {"method": method}
         for part, level in enumerate(("hpl", "vpl")):
             columns |= {f"{level}_{q}_m": counts.levels_m[:, m, part, k] for k, (q, _) in enumerate(QUANTILES)}
         parts.append(pd.DataFrame(columns))
     return pd.concat(parts, ignore_index=True)
+
+
+def epoch_table(
+    counts: ServiceCounts, time_gps_s: FloatArray, methods: Sequence[str], operations: Sequence[str]
+) -> pd.DataFrame:
+    """One row per epoch, method and operation: share of the Earth's area with service."""
+    parts = [
+        pd.DataFrame(
+            {
+                "time_gps_s": time_gps_s,
+                "method": method,
+                "operation": operation,
+                "area_share": np.minimum(counts.by_epoch[:, m, o], 1.0),
+            }
+        )
+        for (m, method), (o, operation) in product(enumerate(methods), enumerate(operations))
+    ]
+    return pd.concat(parts, ignore_index=True)
+
+
+def place_columns(grid: WorldGrid) -> dict[str, object]:
+    """Number and place of each site."""
+    return {"site": np.arange(len(grid)), "latitude_deg": grid.latitude_deg, "longitude_deg": grid.longitude_deg}
+
+
+def _run_names(one: Duration) -> tuple[str, str]:
+    return f"started_{one.label}", f"stayed_{one.label}"

@@ -1,4 +1,4 @@
-"""Protection levels of many geometries: one compiled call for a batch, and ARAIM from its own batched function."""
+"""Protection levels of many geometries: one compiled call for a batch, and what methods have of their own."""
 
 from __future__ import annotations
 
@@ -11,106 +11,56 @@ import numpy as np
 from jax import Array
 from numpy.typing import NDArray
 
-from pl_mc.araim.levels import protection_levels as araim_levels
+from pl_mc.arrays import FloatArray
 from pl_mc.engine.compiling import compiler_options
 from pl_mc.engine.noise import LANES, epoch_key, unit_inputs
-from pl_mc.geometry.record import POSITION_UNKNOWNS
 from pl_mc.kernels import LeastSquaresSolution, LinearModel, linear_model
 from pl_mc.kernels.linear_model import product
-from pl_mc.methods import Araim, MaxDop, Method, Nioraim, Parity, RangeComparison, Sbas, Slope, WTest
-from pl_mc.methods.w_test import POSTERIOR, SIGMA
+from pl_mc.methods import Method
+from pl_mc.methods.capabilities import declared, levels_from_geometry
 from pl_mc.noise_models import GAUSSIAN, NoiseModel
 from pl_mc.runtime.precision import dtype_of, precision_scope
 from pl_mc.service.sky import Geometries
 
-FloatArray = NDArray[np.float64]
-
-# Methods whose levels are those of `prepare`, whatever the errors and the options are.
-_GEOMETRY_ALONE = (Araim, MaxDop, Nioraim, RangeComparison, Sbas, Slope)
-
-
-def levels_from_geometry(method: Method) -> bool:
-    """Whether the levels of a method depend on the geometry alone, so that one draw tells all.
-
-    So they are where a parity or w-test leaves no satellite out, unless the w-test's scale with the residuals. A
-    method of another package says so by an attribute ``levels_from_geometry``.
-    """
-    alone = isinstance(method, _GEOMETRY_ALONE)
-    if isinstance(method, Parity):
-        alone = not method.exclude
-    elif isinstance(method, WTest):
-        alone = method.exclusions == 0 and not (method.form == SIGMA and method.variance == POSTERIOR)
-    return bool(getattr(method, "levels_from_geometry", alone))
-
 
 def levels_of_batch(
-    batch: Geometries,
-    numbers: NDArray[np.int64],
-    methods: Sequence[Method],
-    *,
-    draws: int,
-    seed: int,
-    precision: str,
-    noise: NoiseModel = GAUSSIAN,
-) -> list[tuple[FloatArray, FloatArray]]:
+    batch: Geometries, numbers: NDArray[np.int64], methods: Sequence[Method], *, draws: int, seed: int,
+    precision: str, noise: NoiseModel = GAUSSIAN,
+) -> list[tuple[FloatArray, FloatArray]]:  # fmt: skip
     """HPL and VPL (g, draws) of each method [m], infinite where it has no solution.
 
     One column, (g, 1), for methods whose levels depend on the geometry alone. Noise is that of a sweep of the same
-    seed over epochs of these numbers.
-
-    Args:
-        batch: the geometries, of one shape in every call.
-        numbers: (g,), number of each geometry, which chooses its noise.
-        methods: the methods.
-        draws: noise draws for each geometry.
-        seed: chooses the noise.
-        precision: ``float64`` or ``float32``; ARAIM is always in double precision.
-        noise: how errors are distributed.
+    seed over epochs of these numbers (g,). A method's own function has a precision of its own.
     """
     noisy = tuple(method for method in methods if not levels_from_geometry(method))
-    quiet = tuple(m for m in methods if levels_from_geometry(m) and not isinstance(m, Araim))
+    batched = {m.name: declared(m, "batched_levels") for m in methods if levels_from_geometry(m)}
+    quiet = tuple(m for m in methods if m.name in batched and batched[m.name] is None)
     found: dict[str, tuple[FloatArray, FloatArray]] = {}
     if noisy or quiet:
         dtype = dtype_of(precision)
         with precision_scope(precision):
-            levels = _compiled()(
-                jnp.asarray(batch.design, dtype),
-                jnp.asarray(batch.sigma_m, dtype),
-                jnp.asarray(batch.in_view),
-                jnp.asarray(numbers, np.uint32),
-                np.uint32(seed),
-                noisy=noisy,
-                quiet=quiet,
-                draws=draws,
-                noise=noise,
-            )
+            design, sigma = jnp.asarray(batch.design, dtype), jnp.asarray(batch.sigma_m, dtype)
+            arrays = (design, sigma, jnp.asarray(batch.in_view), jnp.asarray(numbers, np.uint32), np.uint32(seed))
+            levels = _compiled()(*arrays, noisy=noisy, quiet=quiet, draws=draws, noise=noise)
             for method, pair in zip((*noisy, *quiet), levels, strict=True):
                 found[method.name] = np.asarray(pair[0], dtype=float), np.asarray(pair[1], dtype=float)
-    for method in methods:
-        if isinstance(method, Araim):
-            found[method.name] = _araim(batch, method)
+    for name, own in batched.items():
+        if own is not None:
+            horizontal, vertical = own(batch.design, batch.sigma_m, batch.in_view, batch.systems)
+            found[name] = horizontal[:, None], vertical[:, None]
     return [found[method.name] for method in methods]
 
 
 @functools.cache
 def _compiled() -> Callable[..., list[tuple[Array, Array]]]:
-    return jax.jit(
-        _levels, static_argnames=("noisy", "quiet", "draws", "noise"), compiler_options=compiler_options()
-    )
+    static = ("noisy", "quiet", "draws", "noise")
+    return jax.jit(_levels, static_argnames=static, compiler_options=compiler_options())
 
 
 def _levels(
-    design: Array,
-    sigma_m: Array,
-    in_view: Array,
-    numbers: Array,
-    seed: Array,
-    *,
-    noisy: tuple[Method, ...],
-    quiet: tuple[Method, ...],
-    draws: int,
-    noise: NoiseModel,
-) -> list[tuple[Array, Array]]:
+    design: Array, sigma_m: Array, in_view: Array, numbers: Array, seed: Array, *, noisy: tuple[Method, ...],
+    quiet: tuple[Method, ...], draws: int, noise: NoiseModel,
+) -> list[tuple[Array, Array]]:  # fmt: skip
     def one(geometry: tuple[Array, Array, Array, Array]) -> list[tuple[Array, Array]]:
         rows, sigma, seen, number = geometry
         # A satellite has one clock.
@@ -132,36 +82,9 @@ def _levels(
 def _pairs(methods: tuple[Method, ...], model: LinearModel, noise: Array) -> list[tuple[Array, Array]]:
     state = product(model.gain, noise)
     residuals = noise - product(model.design, state)
-    start = LeastSquaresSolution(
-        residuals=residuals, state=state, square_sum=jnp.sum(residuals * residuals, axis=0)
-    )
+    start = LeastSquaresSolution(residuals, state, square_sum=jnp.sum(residuals * residuals, axis=0))
     outcomes = [method.solve(model, method.prepare(model), start) for method in methods]
     return [
         (jnp.where(one.available, one.hpl_m, jnp.inf), jnp.where(one.available, one.vpl_m, jnp.inf))
         for one in outcomes
     ]
-
-
-def _araim(batch: Geometries, method: Araim) -> tuple[FloatArray, FloatArray]:
-    """The levels of `pl_mc.araim`, with the sigma of the model as that of the integrity model."""
-    variance = batch.sigma_m**2
-    letters = sorted(set(np.unique(batch.systems).tolist()) - {""})
-    unknowns = POSITION_UNKNOWNS + (batch.design[..., POSITION_UNKNOWNS:] != 0).any(axis=1).sum(axis=1)
-    if not letters:
-        nothing = np.full((len(variance), 1), np.inf)
-        return nothing, nothing
-    levels = araim_levels(
-        batch.design,
-        variance,
-        method.accuracy_ratio**2 * variance,
-        batch.systems.tolist(),
-        method.b_nom_m,
-        method.p_sat,
-        dict.fromkeys(letters, method.p_const),
-        method.budget,
-        method.unmonitored,
-        in_view=batch.in_view,
-    )
-    # A solution without redundancy counts as none, as for every method.
-    sound = levels.available & (batch.in_view.sum(axis=1) > unknowns)
-    return np.where(sound, levels.hpl_m, np.inf)[:, None], np.where(sound, levels.vpl_m, np.inf)[:, None]

@@ -16,21 +16,19 @@ import pyarrow as pa
 from numpy.typing import NDArray
 
 from pl_mc.alert import AlertLimits
-from pl_mc.engine.identity import digest
+from pl_mc.arrays import FloatArray
 from pl_mc.engine.noise import LANES
-from pl_mc.engine.part_task import Kind
+from pl_mc.engine.part_task import Kind, array_fingerprint
 from pl_mc.geometry.record import Geometry
 from pl_mc.input_errors import InputError
-from pl_mc.methods import Araim, Method
+from pl_mc.methods import Method
+from pl_mc.methods.capabilities import declared, levels_from_geometry
 from pl_mc.noise_models import NoiseModel
 from pl_mc.runtime.threads import in_order
 from pl_mc.service.continuity import Duration
 from pl_mc.service.counting import ServiceCounts
-from pl_mc.service.grid import WorldGrid
-from pl_mc.service.levels import levels_from_geometry, levels_of_batch
-from pl_mc.service.sky import Geometries, WorldSky
-
-FloatArray = NDArray[np.float64]
+from pl_mc.service.levels import levels_of_batch
+from pl_mc.service.sky import Geometries, WorldGrid, WorldSky
 
 # Geometries of a batch: a few sites with all their epochs. Memory is that of a few batches, whatever the grid.
 GEOMETRIES_PER_BATCH = 2_304
@@ -40,14 +38,8 @@ GEOMETRIES_PER_BATCH = 2_304
 SCENARIOS_PER_PART = 8_000_000
 MOST_BATCHES_PER_PART = 64
 
-_SCHEMA = pa.schema(
-    [
-        ("array", pa.string()),
-        ("shape", pa.list_(pa.int64())),
-        ("counts", pa.list_(pa.int64())),
-        ("values", pa.list_(pa.float64())),
-    ]
-)
+_WHOLE, _REAL = pa.list_(pa.int64()), pa.list_(pa.float64())
+_SCHEMA = pa.schema([("array", pa.string()), ("shape", _WHOLE), ("counts", _WHOLE), ("values", _REAL)])
 
 
 @dataclass(frozen=True)
@@ -117,10 +109,9 @@ class ServiceTask:
         """(sites, 3), smallest, mean and largest number of satellites in view over the epochs."""
         latitude, longitude = self.places_rad
         found = []
-        for part in range(self.part_count):
-            for sites in self.batches_of(part):
-                seen = self.sky.counts(latitude[sites], longitude[sites])
-                found.append(np.stack([seen.min(axis=1), seen.mean(axis=1), seen.max(axis=1)], axis=1))
+        for sites in (batch for part in range(self.part_count) for batch in self.batches_of(part)):
+            seen = self.sky.counts(latitude[sites], longitude[sites])
+            found.append(np.stack([seen.min(axis=1), seen.mean(axis=1), seen.max(axis=1)], axis=1))
         return np.concatenate(found)
 
     @functools.cached_property
@@ -142,19 +133,14 @@ class ServiceTask:
 
     def require_noise(self, batch: Geometries) -> None:
         """Raise `InputError` where the noise model cannot serve the geometries of a batch."""
-        self.noise.require_geometry(
-            Geometry(
-                design=batch.design,
-                sigma_m=batch.sigma_m,
-                in_view=batch.in_view,
-                satellite=batch.satellite.astype(np.int32),
-                epoch=np.arange(len(batch.design)),
-                time_gps_s=np.full(len(batch.design), np.nan),
-                names=tuple(slot.name for slot in self.sky.slots),
-                systems=tuple(slot.system for slot in self.sky.slots),
-                clocks=self.sky.clocks,
-            )
-        )
+        slots, many = self.sky.slots, len(batch.design)
+        geometry = Geometry(
+            design=batch.design, sigma_m=batch.sigma_m, in_view=batch.in_view,
+            satellite=batch.satellite.astype(np.int32), epoch=np.arange(many), time_gps_s=np.full(many, np.nan),
+            names=tuple(slot.name for slot in slots), systems=tuple(slot.system for slot in slots),
+            clocks=self.sky.clocks,
+        )  # fmt: skip
+        self.noise.require_geometry(geometry)
 
     def levels(self, sites: slice) -> list[tuple[FloatArray, FloatArray]]:
         """HPL and VPL (sites, epochs, draws) of each method at the sites of a batch [m]."""
@@ -174,11 +160,11 @@ class ServiceTask:
         return sum(1 for number in numbers for _ in self.batches_of(number)), self.sites_per_batch * self.sky.epochs
 
     def count_parts(
-        self, numbers: Iterable[int], *, threads: int, after_call: Callable[[], None]
+        self, numbers: Iterable[int], after_call: Callable[[], None], *, threads: int
     ) -> Generator[ServicePart]:
         """The counts of parts in order; ``after_call`` is called after each batch."""
-        # The function of ARAIM has threads of its own.
-        threads = 1 if all(isinstance(method, Araim) for method in self.methods) else threads
+        # Functions for many geometries have threads of their own.
+        threads = 1 if all(declared(method, "batched_levels") for method in self.methods) else threads
         calls = ((number, sites) for number in numbers for sites in self.batches_of(number))
         for (number, sites), levels in in_order(lambda call: self.levels(call[1]), calls, threads):
             part = self.sites_of(number)
@@ -192,13 +178,10 @@ class ServiceTask:
 
     def part_rows(self, part: ServicePart) -> pa.Table:
         """A part as a table, one row for each array of the counts."""
+        kinds = {"counts": np.int64, "values": np.float64}
         rows = [
-            {
-                "array": name,
-                "shape": list(array.shape),
-                "counts": array.ravel().tolist() if array.dtype == np.int64 else None,
-                "values": array.ravel().tolist() if array.dtype == np.float64 else None,
-            }
+            {"array": name, "shape": list(array.shape)}
+            | {column: array.ravel().tolist() if array.dtype == kind else None for column, kind in kinds.items()}
             for name, array in part.counts.arrays().items()
         ]
         return pa.Table.from_pylist(rows, schema=_SCHEMA)
@@ -223,7 +206,7 @@ class ServiceTask:
             "mask_deg": self.sky.mask_deg,
             "satellites": " ".join(slot.name for slot in self.sky.slots),
             # Of some sites over the Earth at all epochs: constellations and error models may be anybody's.
-            "geometry": digest(seen.design, seen.sigma_m, seen.in_view, seen.satellite),
+            "geometry": array_fingerprint(seen.design, seen.sigma_m, seen.in_view, seen.satellite),
             "methods": [repr(method) for method in self.methods],
             "operations": [repr(limits) for limits in self.operations],
             "durations_s": [one.seconds for one in self.durations],

@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
+import functools
 import math
-from collections.abc import Iterable, Iterator, Sequence
+from collections import deque
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 from datetime import datetime
 from pathlib import Path
@@ -11,32 +13,30 @@ from typing import Any
 
 import numpy as np
 import pandas as pd
-from numpy.typing import NDArray
 
 from pl_mc.alert import LPV_200, OPERATIONS, AlertLimits
+from pl_mc.arrays import FloatArray
 from pl_mc.engine.checks import LARGEST_SEED
-from pl_mc.engine.execution import Execution
+from pl_mc.engine.execution import Execution, run_task
 from pl_mc.error_models import ErrorModel, as_error_model
 from pl_mc.geometry.constellations import constellation_slots
 from pl_mc.geometry.gps_time import gps_seconds
-from pl_mc.input_errors import (
-    InputError,
-    require_choice,
-    require_number,
-    require_positive,
-    require_whole,
-)
+from pl_mc.input_errors import InputError, require_choice, require_number, require_positive, require_whole
 from pl_mc.methods import Method, as_methods
 from pl_mc.noise_models import GAUSSIAN, NoiseModel, as_noise_model
 from pl_mc.runtime.precision import dtype_of
+from pl_mc.runtime.threads import cores
 from pl_mc.service.continuity import as_durations
-from pl_mc.service.counted import count_service
-from pl_mc.service.counting import ServiceCounts, level_table, site_table, world_table
-from pl_mc.service.grid import WorldGrid, world_grid
-from pl_mc.service.sky import WorldSky
+from pl_mc.service.counting import (
+    ServiceCounts,
+    epoch_table,
+    level_table,
+    place_columns,
+    site_table,
+    world_table,
+)
+from pl_mc.service.sky import WorldGrid, WorldSky, world_grid
 from pl_mc.service.task import ServiceTask
-
-FloatArray = NDArray[np.float64]
 
 DAY_S = 86_400.0
 
@@ -125,9 +125,9 @@ def service_volume(
     receiver's false alerts are not part of it; levels that follow from what a test excluded are.
 
     Users stand on the ellipsoid at the middles of cells. Satellites are those of `pl_mc.simulate`. A method whose
-    levels depend on the geometry alone (`pl_mc.service.levels.levels_from_geometry`) gets one draw, since all would
-    be alike; ARAIM is computed by `pl_mc.araim.protection_levels`. Every geometry has noise of its own: that of a
-    sweep with this seed and the epoch number ``site * epochs + epoch``.
+    levels depend on the geometry alone (`pl_mc.methods.capabilities.LevelsFromGeometry`) gets one draw, since all
+    would be alike; ARAIM is computed by `pl_mc.araim.protection_levels`. Every geometry has noise of its own: that
+    of a sweep with this seed and the epoch number ``site * epochs + epoch``.
 
     Args:
         constellations, without, start, mask_deg, error_model: as for `pl_mc.simulate`; ``without`` names satellites
@@ -159,9 +159,8 @@ def service_volume(
     """
     if folder is None and resume:
         raise InputError("folder: to resume a service volume, a folder for the parts is needed.")
-    execution = Execution(
-        workers=workers, folder=None if folder is None else Path(folder), resume=resume, progress=progress
-    )
+    where = None if folder is None else Path(folder)
+    execution = Execution(workers=workers, folder=where, resume=resume, progress=progress)
     task = service_task(
         constellations=constellations, without=without, step_deg=step_deg, step_s=step_s, duration_s=duration_s,
         start=start, mask_deg=mask_deg, error_model=error_model, methods=methods, operations=operations,
@@ -171,23 +170,11 @@ def service_volume(
 
 
 def service_task(
-    *,
-    constellations: str | Sequence[str],
-    without: str | Sequence[str],
-    step_deg: float,
-    step_s: float,
-    duration_s: float,
-    start: str | datetime,
-    mask_deg: float,
-    error_model: str | ErrorModel,
-    methods: Sequence[str | Method],
-    operations: str | AlertLimits | Sequence[str | AlertLimits],
-    durations_s: float | Sequence[float],
-    draws: int,
-    seed: int,
-    noise: str | NoiseModel,
-    precision: str,
-) -> ServiceTask:
+    *, constellations: str | Sequence[str], without: str | Sequence[str], step_deg: float, step_s: float,
+    duration_s: float, start: str | datetime, mask_deg: float, error_model: str | ErrorModel,
+    methods: Sequence[str | Method], operations: str | AlertLimits | Sequence[str | AlertLimits],
+    durations_s: float | Sequence[float], draws: int, seed: int, noise: str | NoiseModel, precision: str,
+) -> ServiceTask:  # fmt: skip
     """The options of `service_volume`, checked."""
     grid = world_grid(step_deg)
     step = require_positive(step_s, field="step_s")
@@ -198,8 +185,7 @@ def service_task(
         raise InputError(
             f"mask_deg: {mask:g} deg is outside the range from 0 to below 90 deg; nearest: {nearest_valid}."
         )
-    chosen = as_methods(methods)
-    limits = as_operations(operations)
+    chosen, limits = as_methods(methods), as_operations(operations)
     lengths = as_durations(durations_s, step_s=step, epochs=epochs)
     time_gps_s = np.asarray(gps_seconds(start) + step * np.arange(epochs), dtype=np.float64)
     return ServiceTask(
@@ -221,6 +207,7 @@ def run_service(task: ServiceTask, execution: Execution, *, step_s: float) -> Se
     grid, lengths = task.grid, task.durations
     names, labels = [method.name for method in task.methods], [one.name for one in task.operations]
     least, mean, most = task.in_view.T
+    seen = {"satellites_min": least.astype(int), "satellites_mean": mean, "satellites_max": most.astype(int)}
     return ServiceVolume(
         grid=grid,
         time_gps_s=task.sky.time_gps_s,
@@ -235,18 +222,39 @@ def run_service(task: ServiceTask, execution: Execution, *, step_s: float) -> Se
         sites=site_table(counts, grid, names, labels, lengths),
         world=world_table(counts, grid, names, labels, lengths),
         levels=level_table(counts, grid, names),
-        satellites=pd.DataFrame(
-            {
-                "site": np.arange(len(grid)),
-                "latitude_deg": grid.latitude_deg,
-                "longitude_deg": grid.longitude_deg,
-                "satellites_min": least.astype(int),
-                "satellites_mean": mean,
-                "satellites_max": most.astype(int),
-            }
-        ),
-        by_epoch=pd.DataFrame(_by_epoch(counts, task.sky.time_gps_s, names, labels)),
+        satellites=pd.DataFrame(place_columns(grid) | seen),
+        by_epoch=epoch_table(counts, task.sky.time_gps_s, names, labels),
     )
+
+
+def count_service(task: ServiceTask, execution: Execution) -> tuple[ServiceCounts, tuple[str, ...]]:
+    """The counts of all sites (of one share: of its sites, zero elsewhere), and a sentence for each bad part file.
+
+    The result is bit for bit the same however often it was stopped and resumed.
+
+    Raises:
+        InputError: parts of another service volume, a folder that cannot be written, missing parts where none may
+            be, or a way to run that service volumes do not have.
+    """
+    if execution.scheduler is not None or execution.devices is not None:
+        field = "scheduler" if execution.scheduler is not None else "devices"
+        raise InputError(
+            f"{field}: a service volume runs in threads of one process; share it among jobs by a shard instead."
+        )
+    task.require_satellites()
+    task.require_noise(task.geometries(next(task.batches_of(0))))
+    threads = execution.workers or cores()
+    total, notes = task.nothing(len(task.grid)), []
+    rest, early = deque(execution.share_of(task.part_count)), {}
+    for found in run_task(task, execution, functools.partial(task.count_parts, threads=threads)):
+        if isinstance(found, str):
+            notes.append(found)
+            continue
+        early[found.number] = found.counts
+        # In the order of the parts, so that sums round alike.
+        while rest and rest[0] in early:
+            total.join(task.sites_of(rest[0]), early.pop(rest.popleft()))
+    return total, tuple(notes)
 
 
 def epoch_count(duration_s: float, step_s: float) -> int:
@@ -284,12 +292,3 @@ def as_operations(operations: Any) -> tuple[AlertLimits, ...]:
             raise InputError(f"operations: {limits.name} is asked for twice.")
         made.append(limits)
     return tuple(made)
-
-
-def _by_epoch(
-    counts: ServiceCounts, time_gps_s: FloatArray, methods: Sequence[str], operations: Sequence[str]
-) -> Iterator[dict[str, object]]:
-    for m, method in enumerate(methods):
-        for o, operation in enumerate(operations):
-            for when, share in zip(time_gps_s.tolist(), counts.by_epoch[:, m, o].tolist(), strict=True):
-                yield {"time_gps_s": when, "method": method, "operation": operation, "area_share": min(share, 1.0)}

@@ -7,14 +7,15 @@ one-dimensional integral.
 
 from __future__ import annotations
 
+from dataclasses import dataclass
 from typing import Literal
 
 import numpy as np
 import pandas as pd
-from numpy.typing import NDArray
 from scipy import special
 
 from pl_mc.alert import LPV_200, AlertLimits
+from pl_mc.arrays import FloatArray
 from pl_mc.constants import K_VERTICAL
 from pl_mc.faults import Faults
 from pl_mc.geometry.record import Geometry
@@ -23,12 +24,8 @@ from pl_mc.statistics.least_squares import fault_effects, ls_quantities
 from pl_mc.statistics.noncentral import joint_exceedance, split_at_threshold
 from pl_mc.statistics.student import chi2_threshold
 
-FloatArray = NDArray[np.float64]
-
 PL_ALARM, CHI2_ALARM = "pl", "chi2"
-RATE_COLUMNS = (
-    "alarm_rate", "hazard_rate", "missed_rate", "misleading_rate", "exceeded_rate", "false_alarm_rate",
-)  # fmt: skip
+RATE_COLUMNS = ("alarm_rate", "hazard_rate", "missed_rate", "misleading_rate", "exceeded_rate", "false_alarm_rate")
 
 
 def ls_rates(
@@ -106,6 +103,24 @@ def ls_rates(
             **dict(zip(RATE_COLUMNS, rates, strict=True)),
         }
     )
+
+
+@dataclass(frozen=True)
+class LeastSquaresLaw:
+    """The law of a method whose position is weighted least squares and which has no test but its level.
+
+    VPL = k_vertical sqrt(V'PV / (n - t)) VDOP, and there is an alarm where VPL > VAL or there is no solution (Zhao
+    et al. 2021, eqs 4, 12, 16).
+
+    Attributes:
+        k_vertical: multiplier of the vertical level.
+    """
+
+    k_vertical: float = K_VERTICAL
+
+    def rates(self, g: Geometry, faults: Faults, alert: AlertLimits) -> pd.DataFrame:
+        """The exact rates under each fault, as of `ls_rates`."""
+        return ls_rates(g, faults, alert=alert, k_vertical=self.k_vertical)
 
 
 def error_and_alarm_rates(

@@ -6,11 +6,13 @@ often 0, 1 or 2 in millions.
 
 from __future__ import annotations
 
+from typing import Any
+
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 from scipy import special
 
-from pl_mc.input_errors import InputError
+from pl_mc.input_errors import InputError, require_fraction
 
 
 def clopper_pearson(
@@ -35,6 +37,11 @@ def clopper_pearson(
     """
     count, total = _require_counts(events, draws)
     return _beta_bounds(count, total, confidence)
+
+
+def rate_columns(name: str, rate: Any, low: Any, high: Any) -> dict[str, Any]:
+    """``<name>_rate, <name>_low, <name>_high``, the columns that a rate and its bounds have in every table."""
+    return {f"{name}_rate": rate, f"{name}_low": low, f"{name}_high": high}
 
 
 def shared_noise_bounds(
@@ -76,7 +83,7 @@ def wilson(
     Raises:
         InputError: fewer than no events, more than draws, or a confidence outside (0, 1).
     """
-    _require_confidence(confidence)
+    require_fraction(confidence, field="confidence")
     count, total = np.broadcast_arrays(np.asarray(events, dtype=float), np.asarray(draws, dtype=float))
     if not ((count >= 0) & (count <= total) & np.isfinite(total)).all():
         raise InputError("events: there are no fewer than 0 and no more than draws.")
@@ -125,7 +132,7 @@ def _beta_bounds(
     count: NDArray[np.float64], total: NDArray[np.float64], confidence: float
 ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
     """The bounds of `clopper_pearson`; ``count`` need not be whole."""
-    _require_confidence(confidence)
+    require_fraction(confidence, field="confidence")
     half = (1.0 - confidence) / 2.0
     other = total - count
     # The beta function has no zero parameter: those counts get their closed forms below.
@@ -162,11 +169,6 @@ def binomial_p_value(events: ArrayLike, draws: ArrayLike, probability: ArrayLike
     at_least = np.where(count == 0, 1.0, special.betainc(np.maximum(count, 1.0), other + 1.0, rate))
     at_most = np.where(other == 0, 1.0, special.betaincc(count + 1.0, np.maximum(other, 1.0), rate))
     return np.minimum(1.0, 2.0 * np.minimum(at_least, at_most))
-
-
-def _require_confidence(confidence: float) -> None:
-    if not 0.0 < confidence < 1.0:
-        raise InputError(f"confidence: it lies between 0 and 1, both excluded, not {confidence!r}.")
 
 
 def _require_counts(events: ArrayLike, draws: ArrayLike) -> tuple[NDArray[np.float64], NDArray[np.float64]]:

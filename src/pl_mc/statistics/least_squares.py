@@ -11,10 +11,9 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from pl_mc.arrays import FloatArray
 from pl_mc.faults import Faults
 from pl_mc.geometry.record import EAST, NORTH, POSITION_UNKNOWNS, UP, Geometry
-
-FloatArray = NDArray[np.float64]
 
 # Pairs of epoch and fault whose biases are spread over rows at once.
 _BLOCK = 65536

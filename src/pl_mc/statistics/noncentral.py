@@ -16,9 +16,8 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 from scipy import special
 
+from pl_mc.arrays import FloatArray
 from pl_mc.input_errors import InputError
-
-FloatArray = NDArray[np.float64]
 
 # Beyond this many standard deviations a normal density is below the smallest double.
 _REACH = 40.0

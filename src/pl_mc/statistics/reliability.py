@@ -12,13 +12,11 @@ import pandas as pd
 from numpy.typing import NDArray
 from scipy import optimize, special
 
+from pl_mc.arrays import FloatArray
 from pl_mc.geometry.record import Geometry
-from pl_mc.input_errors import InputError, require_number
+from pl_mc.input_errors import InputError, require_fraction
 from pl_mc.kernels.linear_model import REDUNDANCY_FLOOR
 from pl_mc.statistics.least_squares import ls_quantities
-from pl_mc.statistics.student import require_probability
-
-FloatArray = NDArray[np.float64]
 
 # A satellite that moves the height by less than this share of its error does not move it: the rest is rounding.
 _NO_EFFECT = 1e-12
@@ -98,10 +96,7 @@ def noncentral_shift(p_fa: float = 1e-3, power: float = 0.8) -> float:
     Raises:
         InputError: a probability outside (0, 1), or a power that is not above ``p_fa``, which every mean has.
     """
-    for name, value in (("p_fa", p_fa), ("power", power)):
-        require_number(value, field=name)
-        require_probability(name, value)
-    if power <= p_fa:
+    if require_fraction(power, field="power") <= require_fraction(p_fa, field="p_fa"):
         raise InputError(f"power: it lies above p_fa ({p_fa:g}), which a test has without any bias, not {power!r}.")
     limit = -special.ndtri(p_fa / 2.0)
     if not np.isfinite(limit):

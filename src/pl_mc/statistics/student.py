@@ -12,7 +12,7 @@ from numpy.typing import ArrayLike, NDArray
 from scipy import stats
 
 from pl_mc.constants import K_VERTICAL
-from pl_mc.input_errors import InputError
+from pl_mc.input_errors import InputError, require_fraction
 
 
 def fault_free_exceeded(dof: ArrayLike, k_vertical: float = K_VERTICAL) -> NDArray[np.float64]:
@@ -44,7 +44,7 @@ def student_factor(dof: ArrayLike, risk: float = 1e-7) -> NDArray[np.float64]:
     Returns:
         (...), factors; they tend to the normal quantile (5.3267 for 1e-7) as ``dof`` grows.
     """
-    return np.asarray(stats.t.isf(require_probability("risk", risk) / 2.0, _require_dof(dof)))
+    return np.asarray(stats.t.isf(require_fraction(risk, field="risk") / 2.0, _require_dof(dof)))
 
 
 def chi2_threshold(dof: ArrayLike, p_fa: float = 1e-3) -> NDArray[np.float64]:
@@ -54,18 +54,11 @@ def chi2_threshold(dof: ArrayLike, p_fa: float = 1e-3) -> NDArray[np.float64]:
         dof: (...), degrees of freedom n - t, at least 1.
         p_fa: probability of a false alarm, between 0 and 1.
     """
-    return np.asarray(stats.chi2.isf(require_probability("p_fa", p_fa), _require_dof(dof)))
+    return np.asarray(stats.chi2.isf(require_fraction(p_fa, field="p_fa"), _require_dof(dof)))
 
 
 def _require_dof(dof: ArrayLike) -> NDArray[np.float64]:
     value = np.asarray(dof, dtype=float)
     if not (np.isfinite(value) & (value >= 1.0)).all():
         raise InputError("dof: at least one degree of freedom is needed, and a finite number of them.")
-    return value
-
-
-def require_probability(field: str, value: float) -> float:
-    """``value`` if it is a probability that is neither sure nor impossible; else an `InputError`."""
-    if not 0.0 < value < 1.0:
-        raise InputError(f"{field}: it lies between 0 and 1, both excluded, not {value!r}.")
     return value

@@ -24,24 +24,23 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 from jax import Array
-from numpy.typing import NDArray
 
+from pl_mc.arrays import FloatArray
 from pl_mc.geometry.record import POSITION_UNKNOWNS, UP
-from pl_mc.input_errors import InputError, require_choice, require_positive
+from pl_mc.input_errors import InputError, require_choice, require_fraction, require_positive
 from pl_mc.kernels.linear_model import product
 from pl_mc.methods.raim_levels import P_FA
-from pl_mc.time_ramps.signals import NoiseInTime, Rows
+from pl_mc.time_ramps.sequential import Sample
+from pl_mc.time_ramps.signals import LANES, NoiseInTime, Rows
 from pl_mc.time_ramps.windows import (
     WindowTests,
     name_with_windows,
-    require_probability,
     whitened,
     window_samples,
     window_seconds,
     window_sums,
+    window_tests,
 )
-
-FloatArray = NDArray[np.float64]
 
 RANDOM_WALK, CONSTANT_VELOCITY = "random_walk", "constant_velocity"
 LS_POSITION, FILTER_POSITION = "ls", "filter"
@@ -88,7 +87,7 @@ class KalmanInnovation:
             require_positive(getattr(self, name), field=f"kalman: {name}")
         if not isinstance(self.coloured, bool):
             raise InputError(f"kalman: coloured: true or false is needed, not {self.coloured!r}.")
-        require_probability("kalman", self.p_fa)
+        require_fraction(self.p_fa, field="kalman: p_fa")
 
     @property
     def name(self) -> str:
@@ -99,6 +98,41 @@ class KalmanInnovation:
             if option != "windows_s" and getattr(self, option) != getattr(default, option)
         ]
         return name_with_windows(f"kalman({','.join(parts)})" if parts else "kalman", self.windows_s)
+
+    def plan(self, rows: Rows, noise: NoiseInTime, ramp_m: FloatArray, onset: int) -> FilterPlan:
+        epochs, satellites, unknowns = rows.design.shape
+        transition, process_root, start_root = motion_model(self, unknowns, rows.interval_s)
+        base = len(start_root)
+        measurement = np.zeros((epochs, satellites, base))
+        measurement[:, :, :unknowns] = rows.design
+        variance_m2 = rows.sigma_m**2
+        process, start = process_root @ process_root.T, np.diag(start_root**2)
+        if self.coloured:
+            correlation, share = noise.correlation(rows.interval_s), noise.share
+            slow = np.einsum("ei,ij->eij", np.sqrt(share) * rows.sigma_m * rows.in_view, np.eye(satellites))
+            measurement = np.concatenate([measurement, slow], axis=2)
+            variance_m2 = (1.0 - share) * variance_m2
+            own = np.eye(satellites)
+            transition = _beside(transition, correlation * own)
+            process, start = _beside(process, (1.0 - correlation**2) * own), _beside(start, own)
+        gain, weight = _gains(measurement, np.where(rows.in_view, variance_m2, 1.0), transition, process, start)
+        weight = weight * rows.in_view[:, :, None] * rows.in_view[:, None, :]
+        innovations, up_m = _ramp_response(measurement, gain, transition, ramp_m)
+        pulled = np.einsum("eij,ej->ei", weight, innovations)
+
+        samples = window_samples("kalman", self.windows_s, rows.interval_s, onset)
+        made = []
+        for w in samples:
+            summed = window_sums(weight, w, onset)
+            seen = np.einsum("eii->ei", summed) > 1e-12
+            basis = np.einsum("ei,ij->eij", seen.astype(float), np.eye(satellites))
+            made.append(whitened(summed, basis, window_sums(pulled, w, onset), self.p_fa))
+        return FilterPlan(
+            measurement=jnp.asarray(measurement), gain=jnp.asarray(gain), weight=jnp.asarray(weight),
+            transition=jnp.asarray(transition), process_root=jnp.asarray(process_root),
+            start_root=jnp.asarray(start_root), up_m=jnp.asarray(up_m), tests=window_tests(made, samples),
+            base=base, own_position=self.guards == FILTER_POSITION,
+        )  # fmt: skip
 
 
 @jax.tree_util.register_dataclass
@@ -116,6 +150,7 @@ class FilterPlan:
         up_m: (T,), the filter's vertical error in a unit ramp [m].
         tests: at the monitored epochs.
         base: number of states of the motion.
+        own_position: whether the filter's own position is guarded.
     """
 
     measurement: Array
@@ -127,63 +162,34 @@ class FilterPlan:
     up_m: Array
     tests: WindowTests
     base: int = field(metadata={"static": True})
+    own_position: bool = field(metadata={"static": True})
 
+    @property
+    def motions(self) -> int:
+        return self.base
 
-def filter_plan(
-    test: KalmanInnovation, rows: Rows, noise: NoiseInTime, ramp_m: FloatArray, onset: int
-) -> FilterPlan:
-    """Gains, innovation covariances and tests of a series.
+    def epochs(self) -> tuple[Array, Array, Array]:
+        return self.measurement, self.gain, self.weight
 
-    Args:
-        test: the options.
-        rows: the series.
-        noise: what correlates the errors.
-        ramp_m: (T, m), the unit ramp [m].
-        onset: first monitored sample.
-    """
-    epochs, satellites, unknowns = rows.design.shape
-    transition, process_root, start_root = motion_model(test, unknowns, rows.interval_s)
-    base = len(start_root)
-    measurement = np.zeros((epochs, satellites, base))
-    measurement[:, :, :unknowns] = rows.design
-    variance_m2 = rows.sigma_m**2
-    process, start = process_root @ process_root.T, np.diag(start_root**2)
-    if test.coloured:
-        correlation, share = noise.correlation(rows.interval_s), noise.share
-        slow = np.einsum("ei,ij->eij", np.sqrt(share) * rows.sigma_m * rows.in_view, np.eye(satellites))
-        measurement = np.concatenate([measurement, slow], axis=2)
-        variance_m2 = (1.0 - share) * variance_m2
-        own = np.eye(satellites)
-        transition = _beside(transition, correlation * own)
-        process, start = _beside(process, (1.0 - correlation**2) * own), _beside(start, own)
-    gain, weight = _gains(measurement, np.where(rows.in_view, variance_m2, 1.0), transition, process, start)
-    weight = weight * rows.in_view[:, :, None] * rows.in_view[:, None, :]
-    innovations, up_m = _ramp_response(measurement, gain, transition, ramp_m)
-    pulled = np.einsum("eij,ej->ei", weight, innovations)
+    def begin(self) -> tuple[Array, Array, Array]:
+        """The true motion, the filter's state, and the sum of S^-1 nu [1/m]."""
+        satellites, states = self.measurement.shape[1:]
+        return jnp.zeros((self.base, LANES)), jnp.zeros((states, LANES)), jnp.zeros((satellites, LANES))
 
-    samples = window_samples("kalman", test.windows_s, rows.interval_s, onset)
-    made = []
-    for w in samples:
-        summed = window_sums(weight, w, onset)
-        seen = np.einsum("eii->ei", summed) > 1e-12
-        basis = np.einsum("ei,ij->eij", seen.astype(float), np.eye(satellites))
-        made.append(whitened(summed, basis, window_sums(pulled, w, onset), test.p_fa))
-    tests = WindowTests(
-        whitener=jnp.asarray(np.stack([one[0] for one in made], axis=1)),
-        response=jnp.asarray(np.stack([one[1] for one in made], axis=1)),
-        samples=samples,
-    )
-    return FilterPlan(
-        measurement=jnp.asarray(measurement),
-        gain=jnp.asarray(gain),
-        weight=jnp.asarray(weight),
-        transition=jnp.asarray(transition),
-        process_root=jnp.asarray(process_root),
-        start_root=jnp.asarray(start_root),
-        up_m=jnp.asarray(up_m),
-        tests=tests,
-        base=base,
-    )
+    def advance(
+        self, epoch: tuple[Array, Array, Array], state: tuple[Array, Array, Array], sample: Sample
+    ) -> tuple[tuple[Array, Array, Array], Array, Array]:
+        (measurement, gain, weight), (true, believed, total) = epoch, state
+        numbers = sample.motion[: self.base]
+        moved = product(self.transition[: self.base, : self.base], true) + product(self.process_root, numbers)
+        true = jnp.where(sample.time == 0, self.start_root[:, None] * numbers, moved)
+        # Pseudoranges less those of the nominal state.
+        observed_m = sample.noise_m + product(measurement[:, : self.base], true)
+        predicted = product(self.transition, believed)
+        innovation = (observed_m - product(measurement, predicted)) * sample.in_view[:, None]
+        believed = predicted + product(gain, innovation)
+        total = total + product(weight, innovation)
+        return (true, believed, total), total, believed[UP] - true[UP]
 
 
 def motion_model(
@@ -212,28 +218,6 @@ def motion_model(
         process[place, axis] = change * np.sqrt(3.0) / 2.0
         process[place, place] = change / 2.0
     return transition, process, np.concatenate([start, [START_VELOCITY_M_PER_S] * POSITION_UNKNOWNS])
-
-
-def filter_step(
-    plan: FilterPlan, measurement: Array, gain: Array, predicted: Array, observed_m: Array, in_view: Array
-) -> tuple[Array, Array]:
-    """One update in every lane: the new state (s, lanes) and the innovations (m, lanes) [m].
-
-    Args:
-        plan: the filter.
-        measurement, gain: its H and K at this epoch.
-        predicted: (s, lanes), F times the last state.
-        observed_m: (m, lanes), pseudoranges less those of the nominal state [m].
-        in_view: (m,).
-    """
-    innovation = (observed_m - product(measurement, predicted)) * in_view[:, None]
-    return predicted + product(gain, innovation), innovation
-
-
-def move(plan: FilterPlan, state: Array, numbers: Array, time: Array) -> Array:
-    """(base, lanes), the true motion's next state, or its first at time zero."""
-    moved = product(plan.transition[: plan.base, : plan.base], state) + product(plan.process_root, numbers)
-    return jnp.where(time == 0, plan.start_root[:, None] * numbers, moved)
 
 
 def _gains(

@@ -3,6 +3,11 @@
 A first scan makes the errors and runs what is recursive (sums of residuals, filters) without any fault; since all
 of that is linear a ramp only adds its known response. A second scan goes through the monitored samples and asks
 every method at every rate.
+
+To compare methods of single epochs at one false-alarm rate each needs a statistic whose threshold can be moved.
+Here it is a ratio that is 1 at the method's nominal alarm: its test statistic over the threshold
+(`pl_mc.methods.capabilities`), of which exclusions and levels that depend on the geometry alone are no part; else,
+where the level is a multiple of K, VPL / VAL, so that another threshold is another multiplier.
 """
 
 from __future__ import annotations
@@ -20,21 +25,13 @@ from pl_mc.engine.core import EpochBatch, each_fault, prepare_epoch
 from pl_mc.kernels import LeastSquaresSolution, LinearModel
 from pl_mc.kernels.linear_model import product
 from pl_mc.methods import Method
+from pl_mc.methods.capabilities import levels_from_geometry, scales_with_k, statistic
 from pl_mc.noise_models.gauss_markov import step
-from pl_mc.time_ramps.kalman_innovation import (
-    LS_POSITION,
-    FilterPlan,
-    KalmanInnovation,
-    filter_plan,
-    filter_step,
-    move,
-)
-from pl_mc.time_ramps.sequential_parity import SequentialParity, parity_tests
+from pl_mc.time_ramps.sequential import Sample, SequentialPlan, SequentialTest
 from pl_mc.time_ramps.signals import LANES, NoiseInTime, Rows, pass_key, step_numbers
-from pl_mc.time_ramps.snapshot import alarm_ratio
 from pl_mc.time_ramps.windows import WindowTests, largest_ratio
 
-Test = Method | SequentialParity | KalmanInnovation
+Test = Method | SequentialTest
 
 
 @jax.tree_util.register_dataclass
@@ -49,8 +46,7 @@ class PassPlan:
         ramp_m: (T, m), the ramp of 1 m/s [m].
         correlation, share: () of the correlated part of the errors.
         vertical_m: (), VAL [m].
-        parities: of each accumulated parity test.
-        filters: of each Kalman filter.
+        sequential: what the sequential tests make of them.
     """
 
     models: LinearModel
@@ -60,8 +56,7 @@ class PassPlan:
     correlation: Array
     share: Array
     vertical_m: Array
-    parities: tuple[WindowTests, ...]
-    filters: tuple[FilterPlan, ...]
+    sequential: tuple[SequentialPlan, ...]
 
 
 @jax.tree_util.register_dataclass
@@ -89,14 +84,12 @@ class Signals:
 
     Attributes:
         noise: (T, m, lanes), errors in units of sigma, zero out of view.
-        residual_sum: (T, m, lanes), whitened residuals summed from the first sample on.
-        pulled_sum: for each filter (T, m, lanes), S^-1 nu summed likewise [1/m].
-        up_m: for each filter (T, lanes), its own vertical error [m].
+        sums: for each sequential test (T, m, lanes), its vectors summed from the first sample on.
+        up_m: for each (T, lanes), its own vertical error [m].
     """
 
     noise: Array
-    residual_sum: Array
-    pulled_sum: tuple[Array, ...]
+    sums: tuple[Array, ...]
     up_m: tuple[Array, ...]
 
 
@@ -115,8 +108,6 @@ def pass_plan(
         one_clock_per_row=bool(((rows.design[..., 3:] != 0).sum(axis=-1) <= 1).all()),
     )
     models, prepared = _prepare_all(batch, methods=methods)
-    parities = [parity_tests(one, rows, noise, ramp_m, onset) for one in tests if isinstance(one, SequentialParity)]
-    filters = [filter_plan(one, rows, noise, ramp_m, onset) for one in tests if isinstance(one, KalmanInnovation)]
     return PassPlan(
         models=models,
         prepared=prepared,
@@ -125,14 +116,37 @@ def pass_plan(
         correlation=jnp.asarray(noise.correlation(rows.interval_s)),
         share=jnp.asarray(noise.share),
         vertical_m=jnp.asarray(vertical_m),
-        parities=tuple(parities),
-        filters=tuple(filters),
+        sequential=tuple(t.plan(rows, noise, ramp_m, onset) for t in tests if isinstance(t, SequentialTest)),
     )
+
+
+def has_ratio(method: object) -> bool:
+    """Whether a method has a ratio that errors move."""
+    return statistic(method) is not None or (scales_with_k(method) is not None and not levels_from_geometry(method))
+
+
+def alarm_ratio(
+    method: Method, model: LinearModel, prepared: Any, start: LeastSquaresSolution, vertical_m: Array
+) -> tuple[Array, Array]:
+    """The statistic over its nominal threshold and the up error [m], each (lanes,).
+
+    A test guards the position of least squares, a level the method's own. Where there is no solution the ratio is
+    infinite and so is the error; where a test beside a level rejects the ratio alone, an alarm for any multiplier.
+    """
+    test = statistic(method)
+    if test is not None:
+        ratio, up_m = test(model, prepared, start), start.state[2]
+        available = model.available & jnp.isfinite(ratio)
+    else:
+        outcome = method.solve(model, prepared, start)
+        ratio, up_m, available = outcome.vpl_m / vertical_m, outcome.error_m[2], outcome.available
+        ratio = jnp.where(outcome.rejects, jnp.inf, ratio)
+    return jnp.where(available, ratio, jnp.inf), jnp.where(available, up_m, jnp.inf)
 
 
 def snapshot_methods(tests: tuple[Test, ...]) -> tuple[Method, ...]:
     """Those that look at single epochs."""
-    return tuple(one for one in tests if not isinstance(one, SequentialParity | KalmanInnovation))
+    return tuple(test for test in tests if not isinstance(test, SequentialTest))
 
 
 @functools.partial(jax.jit, static_argnames=("methods",))
@@ -144,59 +158,37 @@ def fault_free_signals(plan: PassPlan, key: Array) -> Signals:
     """One block of passes without a fault; every test, rate and method sees these errors."""
     models = plan.models
     epochs, rows = models.in_view.shape
-    motions = max((one.base for one in plan.filters), default=0)
+    motions = max((each.motions for each in plan.sequential), default=0)
 
     def at_epoch(carry: tuple, x: tuple) -> tuple[tuple, Signals]:
-        slow, residual_sum, moving = carry
-        time, model, sigma_m, own = x
+        slow, states = carry
+        time, model, sigma_m, epoch = x
         white, fresh, motion = step_numbers(key, time, rows, motions)
         slow = jnp.where(time == 0, fresh, step(slow, fresh, plan.correlation))
         noise = jnp.sqrt(1.0 - plan.share) * white + jnp.sqrt(plan.share) * slow
         noise = noise * model.in_view[:, None]
-        residual_sum = residual_sum + noise - product(model.design, product(model.gain, noise))
-        after, up = [], []
-        for filter_, (true, state, total), (measurement, gain, weight) in zip(
-            plan.filters, moving, own, strict=True
-        ):
-            true = move(filter_, true, motion[: filter_.base], time)
-            observed_m = noise * sigma_m[:, None] + product(measurement[:, : filter_.base], true)
-            predicted = product(filter_.transition, state)
-            state, innovation = filter_step(filter_, measurement, gain, predicted, observed_m, model.in_view)
-            after.append((true, state, total + product(weight, innovation)))
-            up.append(state[2] - true[2])
-        pulled = tuple(one[2] for one in after)
-        return (slow, residual_sum, tuple(after)), Signals(noise, residual_sum, pulled, tuple(up))
+        fitted = product(model.design, product(model.gain, noise))
+        sample = Sample(time, noise, fitted, noise * sigma_m[:, None], motion, model.in_view)
+        plans = zip(plan.sequential, epoch, states, strict=True)
+        after = [each.advance(own, state, sample) for each, own, state in plans]
+        sums, up = tuple(total for _, total, _ in after), tuple(up for *_, up in after)
+        return (slow, tuple(state for state, *_ in after)), Signals(noise, sums, up)
 
-    nothing = jnp.zeros((rows, LANES))
-    start = tuple(
-        (jnp.zeros((one.base, LANES)), jnp.zeros((one.transition.shape[0], LANES)), nothing) for one in plan.filters
-    )
-    own = tuple((one.measurement, one.gain, one.weight) for one in plan.filters)
+    start = tuple(each.begin() for each in plan.sequential)
+    own = tuple(each.epochs() for each in plan.sequential)
     xs = (jnp.arange(epochs, dtype=jnp.int32), models, plan.sigma_m, own)
-    return jax.lax.scan(at_epoch, (nothing, nothing, start), xs)[1]
+    return jax.lax.scan(at_epoch, (jnp.zeros((rows, LANES)), start), xs)[1]
 
 
 @functools.partial(jax.jit, static_argnames=("tests", "onset"))
 def watch_block(
-    plan: PassPlan,
-    seed: Array,
-    purpose: Array,
-    block: Array,
-    rates: Array,
-    thresholds: Array,
-    *,
-    tests: tuple[Test, ...],
-    onset: int,
-) -> Watched:
-    """One block of passes with a ramp of every rate.
+    plan: PassPlan, seed: Array, purpose: Array, block: Array, rates: Array, thresholds: Array, *,
+    tests: tuple[Test, ...], onset: int,
+) -> Watched:  # fmt: skip
+    """One block of passes with ramps that begin at the sample ``onset``.
 
-    Args:
-        plan: see `pass_plan`, of the same ``tests`` and ``onset``.
-        seed, purpose, block: choose the errors.
-        rates: (f,) [m/s].
-        thresholds: (methods,), of the ratios.
-        tests: the methods.
-        onset: first monitored sample, at which ramps begin.
+    ``plan`` is that of the same ``tests`` and ``onset``; ``seed``, ``purpose`` and ``block`` choose the errors;
+    ``rates``: (f,) [m/s]; ``thresholds``: (methods,), of the ratios.
     """
     signals = fault_free_signals(plan, pass_key(seed, purpose, block))
     methods = snapshot_methods(tests)
@@ -207,8 +199,8 @@ def watch_block(
         return [now - jax.lax.dynamic_index_in_dim(values, time - w, keepdims=False) for w in tests_.samples]
 
     def at_epoch(watched: Watched, x: tuple) -> tuple[Watched, None]:
-        time, model, prepared, ramp_m, noise, parities, filters, ups, up_ramps = x
-        one = EpochBatch(
+        time, model, prepared, ramp_m, noise, windows, ups, up_ramps = x
+        epoch = EpochBatch(
             design=model.design,
             sigma_m=model.weight_root,
             in_view=model.in_view,
@@ -224,24 +216,15 @@ def watch_block(
             ]
             return asked, start.state[2]
 
-        asked, ls_up_m = each_fault(model, one, noise, ask)
-        single, parity, kalman = iter(asked), iter(range(len(parities))), iter(range(len(filters)))
-        ratios, errors = [], []
-        for test in tests:
-            if isinstance(test, SequentialParity):
-                k = next(parity)
-                ratios.append(largest_ratio(parities[k], sums(signals.residual_sum, parities[k], time), rates))
-                errors.append(ls_up_m)
-            elif isinstance(test, KalmanInnovation):
-                k = next(kalman)
-                ratios.append(largest_ratio(filters[k], sums(signals.pulled_sum[k], filters[k], time), rates))
-                own_m = ups[k][None] + rates[:, None] * up_ramps[k]
-                errors.append(ls_up_m if test.guards == LS_POSITION else own_m)
-            else:
-                ratio, up_m = next(single)
-                ratios.append(ratio)
-                errors.append(up_m)
-        stacked = jnp.stack(ratios), jnp.stack(errors)
+        asked, ls_up_m = each_fault(model, epoch, noise, ask)
+        sequential = []
+        parts = zip(plan.sequential, windows, signals.sums, ups, up_ramps, strict=True)
+        for each, own, total, up, up_ramp in parts:
+            up_m = up[None] + rates[:, None] * up_ramp if each.own_position else ls_up_m
+            sequential.append((largest_ratio(own, sums(total, own, time), rates), up_m))
+        single, others = iter(asked), iter(sequential)
+        pairs = [next(others if isinstance(test, SequentialTest) else single) for test in tests]
+        stacked = jnp.stack([ratio for ratio, _ in pairs]), jnp.stack([up_m for _, up_m in pairs])
         return watch_sample(watched, time - onset, *stacked, thresholds, plan.vertical_m), None
 
     shape = (len(tests), rates.shape[0], LANES)
@@ -251,9 +234,8 @@ def watch_block(
     xs = (
         jnp.arange(onset, epochs, dtype=jnp.int32),
         *jax.tree.map(lambda part: part[tail], (plan.models, plan.prepared, plan.ramp_m, signals.noise)),
-        plan.parities,
-        tuple(one.tests for one in plan.filters),
-        *jax.tree.map(lambda part: part[tail], (signals.up_m, tuple(one.up_m for one in plan.filters))),
+        tuple(each.tests for each in plan.sequential),
+        *jax.tree.map(lambda part: part[tail], (signals.up_m, tuple(each.up_m for each in plan.sequential))),
     )
     return jax.lax.scan(at_epoch, first, xs)[0]
 
@@ -261,14 +243,9 @@ def watch_block(
 def watch_sample(
     before: Watched, time: Array, ratios: Array, errors_m: Array, thresholds: Array, vertical_m: Array
 ) -> Watched:
-    """What became of the passes with one more sample.
+    """What became of the passes with one more sample, ``time`` samples since the onset.
 
-    Args:
-        before: up to the sample before.
-        time: samples since the onset.
-        ratios, errors_m: (methods, rates, lanes), statistic over nominal threshold and vertical error [m].
-        thresholds: (methods,), of the ratios.
-        vertical_m: VAL [m].
+    ``ratios``, ``errors_m``: (methods, rates, lanes), statistic over nominal threshold and vertical error [m].
     """
     size_m = jnp.abs(errors_m)
     # Where there is no solution there is an alarm and no error.

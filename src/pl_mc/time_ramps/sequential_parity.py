@@ -10,25 +10,48 @@ covariance, and no constraint.
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
+import jax
 import jax.numpy as jnp
 import numpy as np
-from numpy.typing import NDArray
+from jax import Array
 
+from pl_mc.arrays import FloatArray
+from pl_mc.input_errors import require_fraction
 from pl_mc.methods.raim_levels import P_FA
-from pl_mc.time_ramps.signals import NoiseInTime, Rows
+from pl_mc.time_ramps.sequential import Sample
+from pl_mc.time_ramps.signals import LANES, NoiseInTime, Rows
 from pl_mc.time_ramps.windows import (
     WindowTests,
     name_with_windows,
-    require_probability,
     whitened,
     window_samples,
     window_seconds,
     window_sums,
+    window_tests,
 )
 
-FloatArray = NDArray[np.float64]
+
+@jax.tree_util.register_dataclass
+@dataclass(frozen=True)
+class ParityPlan:
+    """The tests of the summed residuals, which guard the least-squares position."""
+
+    tests: WindowTests
+    up_m: Array
+    own_position: bool = field(default=False, metadata={"static": True})
+    motions: int = field(default=0, metadata={"static": True})
+
+    def epochs(self) -> tuple[()]:
+        return ()
+
+    def begin(self) -> Array:
+        return jnp.zeros((self.tests.whitener.shape[-1], LANES))
+
+    def advance(self, epoch: tuple[()], state: Array, sample: Sample) -> tuple[Array, Array, Array]:
+        total = state + sample.noise - sample.fitted
+        return total, total, jnp.zeros(LANES)
 
 
 @dataclass(frozen=True)
@@ -51,11 +74,24 @@ class SequentialParity:
 
     def __post_init__(self) -> None:
         object.__setattr__(self, "windows_s", window_seconds("sequential_parity", self.windows_s))
-        require_probability("sequential_parity", self.p_fa)
+        require_fraction(self.p_fa, field="sequential_parity: p_fa")
 
     @property
     def name(self) -> str:
         return name_with_windows("sequential_parity", self.windows_s)
+
+    def plan(self, rows: Rows, noise: NoiseInTime, ramp_m: FloatArray, onset: int) -> ParityPlan:
+        maps = residual_maps(rows)
+        ramp = np.einsum("eij,ej->ei", maps, ramp_m / rows.sigma_m * rows.in_view)
+        size, basis = np.linalg.eigh(maps[onset:])
+        basis = basis * (size > 0.5)[:, None, :]
+        samples = window_samples("sequential_parity", self.windows_s, rows.interval_s, onset)
+        correlation = noise.correlation(rows.interval_s)
+        made = []
+        for w in samples:
+            covariance = summed_covariance(maps, correlation, noise.share, w, onset)
+            made.append(whitened(covariance, basis, window_sums(ramp, w, onset), self.p_fa))
+        return ParityPlan(window_tests(made, samples), up_m=jnp.zeros(len(rows.design)))
 
 
 def residual_maps(rows: Rows) -> FloatArray:
@@ -65,40 +101,6 @@ def residual_maps(rows: Rows) -> FloatArray:
     # Columns of very different size (clocks without a satellite are zero) are no obstacle to an SVD.
     fitted = design @ np.linalg.pinv(design, rcond=1e-10)
     return np.einsum("ei,ij->eij", seen, np.eye(seen.shape[1])) - fitted
-
-
-def parity_tests(
-    test: SequentialParity, rows: Rows, noise: NoiseInTime, ramp_m: FloatArray, onset: int
-) -> WindowTests:
-    """The tests at every epoch from ``onset`` on.
-
-    Args:
-        test: the options.
-        rows: the series.
-        noise: what correlates the errors.
-        ramp_m: (T, m), the unit ramp [m].
-        onset: first monitored sample.
-    """
-    maps = residual_maps(rows)
-    ramp = np.einsum("eij,ej->ei", maps, ramp_m / rows.sigma_m * rows.in_view)
-    size, basis = np.linalg.eigh(maps[onset:])
-    basis = basis * (size > 0.5)[:, None, :]
-    samples = window_samples("sequential_parity", test.windows_s, rows.interval_s, onset)
-    correlation = noise.correlation(rows.interval_s)
-    made = [
-        whitened(
-            summed_covariance(maps, correlation, noise.share, w, onset),
-            basis,
-            window_sums(ramp, w, onset),
-            test.p_fa,
-        )
-        for w in samples
-    ]
-    return WindowTests(
-        whitener=jnp.asarray(np.stack([one[0] for one in made], axis=1)),
-        response=jnp.asarray(np.stack([one[1] for one in made], axis=1)),
-        samples=samples,
-    )
 
 
 def summed_covariance(maps: FloatArray, correlation: float, share: float, samples: int, onset: int) -> FloatArray:

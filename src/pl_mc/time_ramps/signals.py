@@ -15,15 +15,11 @@ import numpy as np
 from jax import Array
 from numpy.typing import ArrayLike, NDArray
 
-from pl_mc.engine.noise import epoch_key
+from pl_mc.arrays import FloatArray
+from pl_mc.engine.noise import LANES, epoch_key
 from pl_mc.geometry.record import Geometry
 from pl_mc.input_errors import InputError, require_choice, require_number
 from pl_mc.noise_models.gauss_markov import GaussMarkov
-
-FloatArray = NDArray[np.float64]
-
-# Scenarios of one call. Part of the definition of the noise, as the blocks of a sweep are.
-LANES = 256
 
 # Keys of passes lie beyond those of single epochs and of exposures.
 _PASSES = 2**31 + 2**29

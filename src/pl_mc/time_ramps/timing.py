@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from typing import Any, Protocol, runtime_checkable
+from typing import Any
 
 import jax
 import jax.numpy as jnp
@@ -14,26 +14,27 @@ from numpy.typing import ArrayLike, NDArray
 from scipy import stats
 
 from pl_mc.alert import LPV_200, AlertLimits
+from pl_mc.arrays import FloatArray
+from pl_mc.engine.calls import Chunk, Cut, run_calls
 from pl_mc.engine.checks import LARGEST_SEED, require_geometry_and_alert
 from pl_mc.geometry.record import Geometry
-from pl_mc.input_errors import InputError, require_number, require_whole
-from pl_mc.methods import METHODS
-from pl_mc.named import as_records
+from pl_mc.input_errors import InputError, require_fraction, require_whole
+from pl_mc.methods import METHODS, Method
+from pl_mc.methods.capabilities import refusal
+from pl_mc.named import as_records, build_named
 from pl_mc.runtime.precision import precision_scope
 from pl_mc.runtime.progress import progress_bar
-from pl_mc.statistics.intervals import clopper_pearson
+from pl_mc.statistics.intervals import clopper_pearson, rate_columns
 from pl_mc.time_ramps.kalman_innovation import KalmanInnovation
-from pl_mc.time_ramps.passes import PassPlan, Test, Watched, pass_plan, watch_block
-from pl_mc.time_ramps.registry import SEQUENTIAL
+from pl_mc.time_ramps.passes import Test, Watched, has_ratio, pass_plan, watch_block
+from pl_mc.time_ramps.sequential import SequentialTest
 from pl_mc.time_ramps.sequential_parity import SequentialParity
-from pl_mc.time_ramps.signals import LANES, NoiseInTime, Rows, rows_by_satellite, unit_ramp_m, whole_samples
-from pl_mc.time_ramps.snapshot import has_ratio
-
-FloatArray = NDArray[np.float64]
+from pl_mc.time_ramps.signals import NoiseInTime, Rows, rows_by_satellite, unit_ramp_m, whole_samples
 
 CONFIDENCE = 0.95
 LIMITS_S = (6, 10, 30)
 QUANTILES = (50, 95)
+SEQUENTIAL: dict[str, type] = {"sequential_parity": SequentialParity, "kalman": KalmanInnovation}
 DEFAULT_METHODS = ("ls", "igg3", "slope", "parity", "w_test", "araim", "sequential_parity", "kalman")
 
 # Passes of the calibration, of its check, and with ramps are independent of each other.
@@ -70,13 +71,14 @@ def time_to_alert(
     hazard begins with the first at which the vertical error is beyond VAL, even if noise takes it back again. The
     time to alert is the difference; it is negative where the alarm comes first. Errors are those of the position
     that a method guards: IGG-III's own and other M-estimates' own, a Kalman filter's own if asked for, else that of
-    least squares. What each statistic is: `pl_mc.time_ramps.snapshot`, `SequentialParity`, `KalmanInnovation`.
+    least squares. What each statistic is: `pl_mc.time_ramps.passes`, `SequentialParity`, `KalmanInnovation`.
 
     Args:
         g_series: epochs at equal intervals; the requirements of 6, 10 and 30 s ask for 1 s.
         satellite: in view from the onset on.
         rates_m_per_s: (f,), rates of the ramp [m/s]; 0 is the fault-free pass.
-        methods: names or records of snapshot methods and of sequential tests (``sequential_parity``, ``kalman``).
+        methods: names or records of methods with a test statistic, or with a level that scales with K and knows the
+            errors (`pl_mc.methods.capabilities`), and of sequential tests (``sequential_parity``, ``kalman``).
         tau_s, share: see `NoiseInTime`.
         draws: passes for each rate.
         seed: chooses the noise, 0 to 2^32 - 1.
@@ -91,8 +93,8 @@ def time_to_alert(
 
         - ``tau_s, share, rate_m_per_s, method``, ``threshold`` (of the ratio to the method's nominal one), and
           ``false_alarms`` in ``false_alarm_passes``, ``false_alarm_rate, _low, _high``; the threshold is infinite
-          where a method has no solution in more than a share ``p_fa`` of fault-free passes, so that none can keep
-          the rate: it alarms where it has no solution, and must not be compared;
+          where a method has no solution, or a test beside its level rejects, in more than a share ``p_fa`` of
+          fault-free passes, so that none can keep the rate: it alarms there, and must not be compared;
         - ``passes, monitored_s``; ``detected`` passes with an alarm, ``detected_rate, _low, _high``;
         - ``hazards``, passes with an error beyond VAL;
         - quantiles ``X_50_s`` and ``X_95_s`` with bounds ``X_50_low_s``, ... of X = ``alert_after_onset`` over all
@@ -128,53 +130,57 @@ def time_to_alert(
     ramp_m = unit_ramp_m(rows, satellite, onset)
     with precision_scope("float64"):
         plan = pass_plan(tests, rows, noise, ramp_m, onset, alert.vertical_m)
-        blocks = 2 * math.ceil(calibration_draws / LANES) + math.ceil(draws / LANES)
-        with progress_bar(total=blocks, what="Passes", show=progress) as advance:
+    free, last = (
+        Cut(epoch_count=1, draws=n, epochs_per_call=1, blocks_per_call=1) for n in (calibration_draws, draws)
+    )
+    with progress_bar(total=2 * free.blocks + last.blocks, what="Passes", show=progress) as advance:
 
-            def watch(purpose: int, count: int, sizes: FloatArray, thresholds: FloatArray) -> Watched:
-                return _watch(plan, seed, purpose, count, sizes, thresholds, tests, onset, advance)
+        def watch(purpose: int, cut: Cut, sizes: FloatArray, thresholds: FloatArray) -> Any:
+            """All passes of one purpose, a `Watched` of NumPy arrays."""
 
-            never = np.full(len(tests), np.inf)
-            free = watch(_CALIBRATION, calibration_draws, np.zeros(1), never)
-            thresholds = calibrated(np.asarray(free.largest)[:, 0], p_fa)
-            checked = np.asarray(watch(_CHECK, calibration_draws, np.zeros(1), thresholds).alarm)[:, 0] >= 0
-            seen = watch(_RAMPS, draws, rates, thresholds)
+            def of_block(_: Chunk, block: np.int32, *others: np.int32) -> Watched:
+                return watch_block(
+                    plan, np.uint32(seed), np.uint32(purpose), np.uint32(block), jnp.asarray(sizes),
+                    jnp.asarray(thresholds), tests=tests, onset=onset,
+                )  # fmt: skip
+
+            parts = []
+            for _, watched in run_calls(cut, of_block, precision="float64"):
+                parts.append(watched)
+                advance()
+            # Without the lanes beyond the last draw.
+            return jax.tree.map(lambda *arrays: np.concatenate(arrays, axis=-1)[..., : cut.draws], *parts)
+
+        never = np.full(len(tests), np.inf)
+        thresholds = calibrated(watch(_CALIBRATION, free, np.zeros(1), never).largest[:, 0], p_fa)
+        checked = watch(_CHECK, free, np.zeros(1), thresholds).alarm[:, 0] >= 0
+        seen = watch(_RAMPS, last, rates, thresholds)
     return _table(rows, onset, noise, tests, rates, thresholds, checked, seen)
+
+
+def sequential(name: str, **options: Any) -> SequentialTest:
+    """A sequential test by name with its options; an `InputError` names what is unknown and the nearest choice."""
+    return build_named(name, SEQUENTIAL, options, what="sequential test")
 
 
 def as_tests(methods: Sequence[str | Test]) -> tuple[Test, ...]:
     """Names and records, made records; an `InputError` for those that have no statistic to calibrate."""
-    able = {name: cls for name, cls in METHODS.items() if has_ratio(cls)}
-    made = as_records(methods, able | SEQUENTIAL, _Named, what="method")
-    for one in made:
-        if not (isinstance(one, SequentialParity | KalmanInnovation) or has_ratio(type(one))):
-            raise InputError(
-                f"methods: {getattr(one, 'name', one)!r} has no statistic whose threshold could be moved (methods "
-                f"that have: {', '.join(able | SEQUENTIAL)})."
-            )
+    made = as_records(methods, METHODS | SEQUENTIAL, Test, what="method")
+    for test in made:
+        if isinstance(test, Method) and not has_ratio(test):
+            raise refusal(test, "statistic", "scales_with_k", able=has_ratio, field="methods", also=SEQUENTIAL)
     return made
-
-
-@runtime_checkable
-class _Named(Protocol):
-    """What snapshot methods and sequential tests have in common."""
-
-    @property
-    def name(self) -> str: ...
 
 
 def calibrated(largest: FloatArray, p_fa: float) -> FloatArray:
     """(methods,), the smallest values that no more than a share ``p_fa`` of passes (methods, passes) is beyond."""
     passes = largest.shape[1]
-    beyond = math.floor(p_fa * passes)
-    return np.sort(largest, axis=1)[:, passes - beyond - 1]
+    return np.sort(largest, axis=1)[:, passes - math.floor(p_fa * passes) - 1]
 
 
 def require_calibration(draws: int, p_fa: float) -> int:
     """``draws`` fault-free passes, checked to be enough for a threshold of the false-alarm probability ``p_fa``."""
-    if not 0.0 < require_number(p_fa, field="p_fa") < 1.0:
-        raise InputError(f"p_fa: a number between 0 and 1 is needed, not {p_fa!r}.")
-    least = math.ceil(_FEWEST_BEYOND / p_fa)
+    least = math.ceil(_FEWEST_BEYOND / require_fraction(p_fa, field="p_fa"))
     return require_whole(draws, field="calibration_draws", low=least, high=_MOST_DRAWS)
 
 
@@ -199,47 +205,22 @@ def _rates(rates_m_per_s: ArrayLike) -> FloatArray:
     return rates
 
 
-def _watch(
-    plan: PassPlan, seed: int, purpose: int, draws: int, rates: FloatArray, thresholds: FloatArray,
-    tests: tuple[Test, ...], onset: int, advance: Any,
-) -> Watched:  # fmt: skip
-    """All blocks of one purpose, with the lanes beyond the last draw cut off."""
-    parts = []
-    for block in range(math.ceil(draws / LANES)):
-        part = watch_block(
-            plan, np.uint32(seed), np.uint32(purpose), np.uint32(block), jnp.asarray(rates),
-            jnp.asarray(thresholds), tests=tests, onset=onset,
-        )  # fmt: skip
-        parts.append(jax.tree.map(np.asarray, part))
-        advance()
-    return jax.tree.map(lambda *arrays: np.concatenate(arrays, axis=-1)[..., :draws], *parts)
-
-
 def _table(
     rows: Rows, onset: int, noise: NoiseInTime, tests: tuple[Test, ...], rates: FloatArray,
-    thresholds: FloatArray, checked: NDArray[np.bool_], seen: Watched,
+    thresholds: FloatArray, checked: NDArray[np.bool_], seen: Any,
 ) -> pd.DataFrame:  # fmt: skip
     samples = len(rows.design) - onset
     made = []
     for f, rate in enumerate(rates):
         for k, test in enumerate(tests):
-            false = int(checked[k].sum())
-            made.append(
-                {
-                    "tau_s": noise.tau_s,
-                    "share": noise.share,
-                    "rate_m_per_s": float(rate),
-                    "method": test.name,
-                    "threshold": float(thresholds[k]),
-                    "false_alarms": false,
-                    "false_alarm_passes": checked.shape[1],
-                    **_rate("false_alarm", false, checked.shape[1]),
-                    **timing_columns(
-                        np.asarray(seen.alarm)[k, f], np.asarray(seen.hazard)[k, f],
-                        np.asarray(seen.error_m)[k, f], samples, rows.interval_s,
-                    ),
-                }
-            )  # fmt: skip
+            false, passes = int(checked[k].sum()), checked.shape[1]
+            about = {
+                "tau_s": noise.tau_s, "share": noise.share, "rate_m_per_s": float(rate), "method": test.name,
+                "threshold": float(thresholds[k]), "false_alarms": false, "false_alarm_passes": passes,
+            }  # fmt: skip
+            alarm, hazard, error_m = (part[k, f] for part in (seen.alarm, seen.hazard, seen.error_m))
+            timing = timing_columns(alarm, hazard, error_m, samples, rows.interval_s)
+            made.append(about | _rate("false_alarm", false, passes) | timing)
     return pd.DataFrame(made)
 
 
@@ -248,12 +229,7 @@ def timing_columns(
 ) -> dict[str, float]:
     """Statistics of the passes with one ramp under one method; see `time_to_alert`.
 
-    Args:
-        alarm, hazard: (passes,), samples from the onset to the first alarm and the first error beyond VAL; -1 for
-            none.
-        error_m: (passes,), size of the vertical error at the alarm [m].
-        samples: in a pass, the onset's included.
-        interval_s: between samples [s].
+    ``alarm``, ``hazard`` and ``error_m``: (passes,), as in `Watched`; ``samples`` in a pass, the onset's included.
     """
     passes = len(alarm)
     detected, hazardous = alarm >= 0, hazard >= 0
@@ -276,17 +252,14 @@ def timing_columns(
     ):
         for percent in QUANTILES:
             value, low, high = quantile_bounds(values, percent / 100.0)
-            columns[f"{name}_{percent}_{unit}"] = value
-            columns[f"{name}_{percent}_low_{unit}"] = low
-            columns[f"{name}_{percent}_high_{unit}"] = high
+            start = f"{name}_{percent}"
+            columns |= {f"{start}_{unit}": value, f"{start}_low_{unit}": low, f"{start}_high_{unit}": high}
     for limit in LIMITS_S:
         # Which passes count is known whatever the alarm did: counting alarms of passes that ended before the limit
         # without counting the alarms that these did not live to see would favour the alarm.
         enough = left_s >= limit
-        in_time = enough & (after_hazard_s <= limit)
-        late = enough & ~in_time
-        within, missed = int(in_time.sum()), int(late.sum())
-        undecided = len(in_time) - within - missed
+        within = int((enough & (after_hazard_s <= limit)).sum())
+        missed, undecided = int(enough.sum()) - within, int((~enough).sum())
         columns |= {
             f"within_{limit}": within,
             f"decided_{limit}": within + missed,
@@ -318,6 +291,5 @@ def quantile_bounds(values: ArrayLike, share: float) -> tuple[float, float, floa
 
 
 def _rate(name: str, count: int, total: int) -> dict[str, float]:
-    low, high = (float(bound) for bound in clopper_pearson(count, total, CONFIDENCE))
-    rate = count / total if total else math.nan
-    return {f"{name}_rate": rate, f"{name}_low": low, f"{name}_high": high}
+    bounds = (float(bound) for bound in clopper_pearson(count, total, CONFIDENCE))
+    return rate_columns(name, count / total if total else math.nan, *bounds)

@@ -14,14 +14,12 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 from jax import Array
-from numpy.typing import NDArray
 
+from pl_mc.arrays import FloatArray
 from pl_mc.input_errors import InputError, require_number
 from pl_mc.kernels.linear_model import product
 from pl_mc.methods.raim_levels import thresholds
 from pl_mc.time_ramps.signals import whole_samples
-
-FloatArray = NDArray[np.float64]
 
 
 @jax.tree_util.register_dataclass
@@ -93,6 +91,12 @@ def whitened(
     return whitener, response
 
 
+def window_tests(made: Iterable[tuple[FloatArray, FloatArray]], samples: tuple[int, ...]) -> WindowTests:
+    """The bank of the windows that `whitened` made, one for each length."""
+    whiteners, responses = (jnp.asarray(np.stack(parts, axis=1)) for parts in zip(*made, strict=True))
+    return WindowTests(whiteners, responses, samples)
+
+
 def window_sums(values: FloatArray, samples: int, onset: int) -> FloatArray:
     """(T - onset, ...), sums over the last ``samples`` values at every epoch from ``onset`` on."""
     total = np.cumsum(values, axis=0)
@@ -113,9 +117,3 @@ def largest_ratio(tests: WindowTests, sums: list[Array], rates: Array) -> Array:
         own, cross, full = jnp.sum(noise * noise, axis=0), product(fault[None], noise)[0], jnp.sum(fault * fault)
         ratios.append(own[None] + 2.0 * rates[:, None] * cross[None] + (rates * rates)[:, None] * full)
     return jnp.max(jnp.stack(ratios), axis=0)
-
-
-def require_probability(owner: str, p_fa: float) -> None:
-    """Raise `InputError` unless a nominal false-alarm probability lies between 0 and 1."""
-    if not 0.0 < require_number(p_fa, field=f"{owner}: p_fa") < 1.0:
-        raise InputError(f"{owner}: p_fa: a number between 0 and 1 is needed, not {p_fa!r}.")

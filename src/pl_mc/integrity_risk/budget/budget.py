@@ -19,21 +19,22 @@ from typing import Any, Literal
 
 import numpy as np
 import pandas as pd
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 from scipy import special
 
 from pl_mc.alert import LPV_200, AlertLimits
-from pl_mc.engine.checks import LARGEST_SEED, require_geometry_and_alert
+from pl_mc.arrays import FloatArray
+from pl_mc.engine.checks import LARGEST_SEED, require_geometry_and_alert, require_single
 from pl_mc.faults import Faults, fault_label
 from pl_mc.geometry.record import Geometry
 from pl_mc.input_errors import InputError, require_choice, require_positive, require_whole
-from pl_mc.integrity_risk.budget.bias_sizes import Sizes
 from pl_mc.integrity_risk.budget.fault_modes import (
     COMMON,
     FAULT_FREE,
     INDEPENDENT,
     PAIR,
     Mode,
+    Sizes,
     fault_modes,
     not_monitored,
     source_priors,
@@ -41,22 +42,16 @@ from pl_mc.integrity_risk.budget.fault_modes import (
 from pl_mc.integrity_risk.worst.ls_exact import (
     LsEpoch,
     event_probability,
+    law_with,
     ls_epoch,
     require_event,
-    require_single,
     upper_bound,
     worst_direction,
 )
-from pl_mc.integrity_risk.worst.worst_case import (
-    NO_ESTIMATE,
-    Estimator,
-    exact_worst,
-    rare_event_estimator,
-    worst_case,
-)
-from pl_mc.methods import Ls, Method, as_methods
-
-FloatArray = NDArray[np.float64]
+from pl_mc.integrity_risk.worst.search import NO_ESTIMATE, Estimator, rare_event_estimator
+from pl_mc.integrity_risk.worst.worst_case import exact_worst, worst_case
+from pl_mc.methods import Method, as_methods
+from pl_mc.statistics.exact import LeastSquaresLaw
 
 NOT_MONITORED, TOTAL = "not_monitored", "total"
 EXACT, ESTIMATED, BOUNDED = "exact", "estimated", "bounded by the prior"
@@ -84,6 +79,8 @@ class Conditional:
     fault: str = ""
     warning: str = ""
 
+
+_NUMBERS = ("probability", "standard_error", "low", "high")
 
 # Nothing is known but that it is a probability; it counts with the most that it can be.
 _AT_MOST_ONE = Conditional(1.0, 0.0, 0.0, 1.0, BOUNDED)
@@ -114,10 +111,10 @@ def risk_budget(
 ) -> pd.DataFrame:
     """Contributions of all fault modes to the integrity risk of an approach.
 
-    For least squares every conditional probability is exact, but for biases from a distribution on several
-    satellites, whose exact probabilities are averaged over drawn sizes. For other methods they are estimates of the
-    rare-event estimator; the worst faults of more than two satellites at a time, such as those of a constellation
-    with independent biases, are then beyond the search and bounded by their priors.
+    For a method with an exact law, such as least squares, every conditional probability is exact, but for biases
+    from a distribution on several satellites, whose exact probabilities are averaged over drawn sizes. For other
+    methods they are estimates of the rare-event estimator; the worst faults of more than two satellites at a time,
+    as of a constellation with independent biases, are then beyond the search and bounded by their priors.
 
     Args:
         g: one epoch.
@@ -169,16 +166,13 @@ def risk_budget(
     if sizes is None and weights is not None:
         raise InputError("weights: they belong to an array of sizes, which bias='worst' is not.")
     (chosen,) = as_methods([method])
-    exact = isinstance(chosen, Ls) and estimator is None
-    if not exact and alarm != "pl":
-        raise InputError(f"alarm: {alarm!r} is for exact least squares alone; use 'pl' with {chosen.name}.")
+    law = law_with(alarm, chosen, estimated=estimator is not None)
     # Least squares ranks the pairs for every method.
-    record = chosen if isinstance(chosen, Ls) else Ls()
-    epoch = ls_epoch(g, record, alarm=alarm, p_fa=p_fa, alert=alert)
+    epoch = ls_epoch(g, law or LeastSquaresLaw(), alarm=alarm, p_fa=p_fa, alert=alert)
     satellite_priors, constellation_priors = source_priors(g, p_sat, p_const)
     modes = fault_modes(g, satellite_priors, constellation_priors, constellation=constellation)
-    modes = _choose_pairs(modes, epoch, ("all" if exact else _FEW_PAIRS) if pairs is None else pairs)
-    if exact:
+    modes = _choose_pairs(modes, epoch, ("all" if law else _FEW_PAIRS) if pairs is None else pairs)
+    if law:
         found = _exact_conditionals(g, epoch, event, modes, sizes, draws=draws, seed=seed)
     else:
         estimate = estimator or rare_event_estimator(
@@ -200,21 +194,11 @@ def _choose_pairs(modes: Sequence[Mode], epoch: LsEpoch, pairs: str | int) -> li
     if epoch.available:
         at.sort(key=lambda k: -modes[k].prior * worst_direction(epoch, modes[k].directions).slope)
     aside = set(at[number:])
-    return [
-        Mode(mode.kind, mode.label, mode.prior, mode.directions, analysed=k not in aside)
-        for k, mode in enumerate(modes)
-    ]
+    return [replace(mode, analysed=k not in aside) for k, mode in enumerate(modes)]
 
 
 def _exact_conditionals(
-    g: Geometry,
-    epoch: LsEpoch,
-    event: str,
-    modes: Sequence[Mode],
-    sizes: Sizes | None,
-    *,
-    draws: int,
-    seed: int,
+    g: Geometry, epoch: LsEpoch, event: str, modes: Sequence[Mode], sizes: Sizes | None, *, draws: int, seed: int
 ) -> dict[int, Conditional]:
     """P(event | mode) of every mode that is analysed, under least squares."""
     at = [k for k, mode in enumerate(modes) if mode.analysed]
@@ -251,16 +235,9 @@ def _mean_parts(epoch: LsEpoch, event: str, shift: FloatArray, root: FloatArray)
 
 
 def _estimated_conditionals(
-    g: Geometry,
-    epoch: LsEpoch,
-    modes: Sequence[Mode],
-    sizes: Sizes | None,
-    estimate: Estimator,
-    options: dict[str, Any],
-    *,
-    draws: int,
-    seed: int,
-) -> dict[int, Conditional]:
+    g: Geometry, epoch: LsEpoch, modes: Sequence[Mode], sizes: Sizes | None, estimate: Estimator,
+    options: dict[str, Any], *, draws: int, seed: int,
+) -> dict[int, Conditional]:  # fmt: skip
     """P(event | mode) of every mode that is analysed, from an estimator."""
     target_cov = float(options["target_cov"])
 
@@ -289,12 +266,11 @@ def _estimated_conditionals(
         if not faulted.any():
             found[k] = fault_free
         elif sizes is not None and columns.shape[1] == 1:
-            table = run(sizes.few_m[:, None] * columns[:, 0])
-            found[k] = _weighted(table, sizes.few_weights)
+            found[k] = _weighted(run(sizes.few_m[:, None] * columns[:, 0]), sizes.few_weights)
         elif sizes is not None:
             table = run(sizes.draw((draws, columns.shape[1]), rng) @ columns.T)
-            parts = table["probability"].to_numpy()
-            found[k] = _mean(parts, table["standard_error"].to_numpy(), str(_warnings(table)))
+            parts, errors = table["probability"].to_numpy(), table["standard_error"].to_numpy()
+            found[k] = _mean(parts, errors, _warnings(table))
         elif faulted.sum() == columns.shape[1] <= _MOST_SEARCHED:
             # As many columns as satellites: every fault of one or two satellites.
             searched[k] = tuple(np.array(g.names)[faulted].tolist())
@@ -328,14 +304,13 @@ def _moving(epoch: LsEpoch, columns: FloatArray) -> FloatArray:
 
 def _estimate_of(row: pd.Series) -> Conditional:
     """What an estimator says of one fault."""
-    value, error, low, high = (float(row[name]) for name in ("probability", "standard_error", "low", "high"))
+    value, error, low, high = (float(row[name]) for name in _NUMBERS)
     return Conditional(value, error, low, high, ESTIMATED, warning=str(row["warning"]))
 
 
 def _weighted(table: pd.DataFrame, weights: FloatArray) -> Conditional:
     """A weighted mean of estimates: bounds add up, for all of them may err to one side."""
-    names = ("probability", "standard_error", "low", "high")
-    value, error, low, high = (float(weights @ table[name].to_numpy(dtype=float)) for name in names)
+    value, error, low, high = (float(weights @ table[name].to_numpy(dtype=float)) for name in _NUMBERS)
     return Conditional(value, error, low, high, ESTIMATED, warning=_warnings(table))
 
 
@@ -367,55 +342,35 @@ def _label(g: Geometry, bias_m: FloatArray) -> str:
 def _table(
     modes: Sequence[Mode], found: Mapping[int, Conditional], rest: float, samples: int, target: float
 ) -> pd.DataFrame:
-    rows = []
-    for k, mode in enumerate(modes):
-        if mode.analysed:
-            rows.append((mode.kind, mode.label, mode.prior, found[k]))
+    rows = [(mode.kind, mode.label, mode.prior, found[k]) for k, mode in enumerate(modes) if mode.analysed]
     rows.append((NOT_MONITORED, "", rest, _AT_MOST_ONE))
+    names = (*_NUMBERS, "found", "warning")
     table = pd.DataFrame(
-        {
-            "mode": [kind for kind, *_ in rows],
-            "failed": [label for _, label, *_ in rows],
-            "fault": [each.fault for *_, each in rows],
-            "prior": [prior for *_, prior, _ in rows],
-            "probability": [each.probability for *_, each in rows],
-            "standard_error": [each.standard_error for *_, each in rows],
-            "low": [each.low for *_, each in rows],
-            "high": [each.high for *_, each in rows],
-            "found": [each.found for *_, each in rows],
-            "warning": [each.warning for *_, each in rows],
-        }
+        [
+            {"mode": kind, "failed": label, "fault": each.fault, "prior": prior}
+            | {name: getattr(each, name) for name in names}
+            for kind, label, prior, each in rows
+        ]
     )
     prior = table["prior"]
-    per_sample = {"risk_per_sample": prior * table["probability"]}
     approach = samples * prior
-    table = table.assign(
-        **per_sample,
-        risk_per_approach=approach * table["probability"],
-        risk_low=approach * table["low"],
-        risk_high=approach * table["high"],
-    )
-    sums = {
-        name: float(table[name].sum()) for name in ("risk_per_sample", "risk_per_approach", "risk_low", "risk_high")
+    risks = {
+        "risk_per_sample": prior * table["probability"],
+        "risk_per_approach": approach * table["probability"],
+        "risk_low": approach * table["low"],
+        "risk_high": approach * table["high"],
     }
+    table = table.assign(**risks)
+    sums = {name: float(table[name].sum()) for name in risks}
     kinds = set(table["found"][table["prior"] > 0])
     # Given nothing, the probability is the risk of a sample itself.
-    whole: dict[str, object] = {
-        "mode": TOTAL,
-        "failed": "",
-        "fault": "",
-        "prior": 1.0,
-        "probability": sums["risk_per_sample"],
-        "standard_error": float((prior * table["standard_error"]).sum()),
-        "low": sums["risk_low"] / samples,
-        "high": sums["risk_high"] / samples,
-        "found": ESTIMATED if ESTIMATED in kinds else EXACT,
-        "warning": "",
-    }
+    whole: dict[str, object] = {"mode": TOTAL, "failed": "", "fault": "", "prior": 1.0, "warning": ""}
+    whole |= {"probability": sums["risk_per_sample"], "found": ESTIMATED if ESTIMATED in kinds else EXACT}
+    whole |= {"low": sums["risk_low"] / samples, "high": sums["risk_high"] / samples}
+    whole["standard_error"] = float((prior * table["standard_error"]).sum())
     table = pd.concat([table, pd.DataFrame([whole | sums])[table.columns]], ignore_index=True)
     table["of_target"] = table["risk_per_approach"] / target
-    last = table.columns.drop("warning").tolist()
-    table = table[[*last, "warning"]]
+    table = table[[*table.columns.drop("warning"), "warning"]]
     verdict = "met" if sums["risk_high"] <= target else "not met" if sums["risk_low"] > target else "not shown"
     table.attrs |= {"verdict": verdict, "target": target, "total": sums["risk_per_approach"]}
     return table

@@ -9,7 +9,6 @@ a rare-event estimator gives and another one checks.
 
 from __future__ import annotations
 
-import dataclasses
 import math
 from collections.abc import Callable
 from typing import Any, Literal
@@ -21,25 +20,27 @@ from pl_mc.alert import LPV_200, AlertLimits
 from pl_mc.engine.checks import LARGEST_DRAWS, LARGEST_SEED, require_geometry_and_alert, require_inputs
 from pl_mc.faults import Faults, no_fault
 from pl_mc.geometry.record import Geometry
-from pl_mc.input_errors import InputError, require_choice, require_positive, require_whole
+from pl_mc.input_errors import InputError, require_choice, require_fraction, require_whole
 from pl_mc.integrity_risk.k_factor.error_to_level_ratio import EVENTS, ratio_state
-from pl_mc.integrity_risk.k_factor.exceedance_curve import TailCurve
-from pl_mc.integrity_risk.k_factor.from_curve import from_curve
-from pl_mc.integrity_risk.k_factor.order_statistics import counted, drawn_ratios, fewest_draws, order_bounds
-from pl_mc.integrity_risk.k_factor.record import (
+from pl_mc.integrity_risk.k_factor.from_curve import ExceedanceCurve, from_curve
+from pl_mc.integrity_risk.k_factor.multiplier import (
+    ALWAYS_ALARMS,
     Found,
     alarm_columns,
     alarm_rate,
-    always_alarms,
-    exact_multiplier,
-    require_multiple,
+    bounds_of,
+    counted,
+    drawn_ratios,
+    exact_k_factor,
+    fewest_draws,
+    first_guess,
+    order_bounds,
+    searched,
 )
-from pl_mc.integrity_risk.k_factor.search import bounds_of, first_guess, searched
-from pl_mc.integrity_risk.worst.worst_case import Estimator
-from pl_mc.methods import Ls, Method, as_methods
+from pl_mc.integrity_risk.worst.search import Estimator
+from pl_mc.methods import Method, as_methods
+from pl_mc.methods.capabilities import exact_law, k_of, require_k, with_k
 from pl_mc.statistics.least_squares import ls_quantities
-
-__all__ = ["calibrate", "fewest_draws", "order_bounds"]
 
 
 def calibrate(
@@ -60,16 +61,18 @@ def calibrate(
 ) -> pd.DataFrame:
     """The multiplier of the vertical protection level with which P(event) is ``target``, and its cost in alarms.
 
-    Least squares is exact: fault-free, ``exceeded`` needs Student's quantile for n - t degrees of freedom, both
-    signs together, and everything else the root of an exact probability. For other methods the multiplier comes
-    from ``draws`` ratios where that many can tell, draws >= log(1 - confidence) / log(1 - target), about 3 /
-    target for 95 %; else, one epoch at a time, from the curve of P(event) against K, which subset simulation on the
-    ratio gives at one go, inverted together with its bounds. Importance sampling with random numbers of its own
-    checks P(event) at the multiplier that is found: where the two disagree there is a warning and no number.
+    A method with an exact law, such as least squares, gets an exact multiplier: fault-free, ``exceeded`` needs
+    Student's quantile for n - t degrees of freedom, both signs together, and everything else the root of an exact
+    probability. For other methods the multiplier comes from ``draws`` ratios where that many can tell, draws >=
+    log(1 - confidence) / log(1 - target), about 3 / target for 95 %; else, one epoch at a time, from the curve of
+    P(event) against K, which subset simulation on the ratio gives at one go, inverted together with its bounds.
+    Importance sampling with random numbers of its own checks P(event) at the multiplier that is found: where the
+    two disagree there is a warning and no number.
 
     Args:
         g: the geometry, one epoch or a series.
-        method: name or record of a method, with the multiplier that is compared.
+        method: name or record of a method whose level scales with K (`pl_mc.methods.capabilities.ScalesWithK`),
+            with the multiplier that is compared.
         target: probability of the event per sample.
         faults: the faults under which the target shall hold, each for itself; the fault-free case unless given.
         event: ``exceeded``, |vertical error| > VPL, alarm or not; ``misleading``, the same and no alarm.
@@ -77,7 +80,7 @@ def calibrate(
         confidence: with which ``k_high`` keeps the target, and ``k_low`` does not: each for itself.
         pooled: for a series: one multiplier for all epochs, with which the mean risk over them is the target,
             instead of one for each.
-        draws, seed: of the ratios, per epoch and fault; not used by least squares.
+        draws, seed: of the ratios, per epoch and fault; not used where the law is exact.
         target_cov, max_evaluations: of the rare-event estimators: relative standard error of P(event) that is aimed
             at, and scenarios that an epoch and fault may cost.
         estimator: a function of a method that gives the function of faults, coefficient of variation and seed
@@ -100,29 +103,59 @@ def calibrate(
         fault`` and lists ``k_vertical, probability, low, high`` (either bound with the confidence).
 
     Raises:
-        InputError: options outside their range, faults of another geometry, a pooled multiplier whose target is too
-            rare to count.
+        InputError: a method without a multiplier, options outside their range, faults of another geometry, a pooled
+            multiplier whose target is too rare to count.
     """
     require_geometry_and_alert(g, alert)
     faults = no_fault(g) if faults is None else faults
     require_inputs(g, faults, alert)
     require_choice(event, EVENTS, field="event")
-    for field, value in (("target", target), ("confidence", confidence)):
-        if not require_positive(value, field=field) < 1.0:
-            raise InputError(f"{field}: it lies between 0 and 1, both excluded, not {value!r}.")
+    require_fraction(target, field="target")
+    require_fraction(confidence, field="confidence")
     draws = require_whole(draws, field="draws", low=1, high=LARGEST_DRAWS)
     seed = require_whole(seed, field="seed", low=0, high=LARGEST_SEED)
     (chosen,) = as_methods([method])
-    if not hasattr(chosen, "k_vertical") or not dataclasses.is_dataclass(chosen):
-        raise InputError(f"method: {chosen.name} has no multiplier k_vertical to calibrate.")
-    require_multiple(chosen)
+    require_k(chosen)
     series = g.as_series()
-    epochs = [series] if pooled else [series[k : k + 1] for k in range(len(series))]
+
+    def estimated(part: Geometry, fault: Faults) -> tuple[Found, dict[str, float], ExceedanceCurve | None]:
+        unit_m, ratio = drawn_ratios(part, fault, chosen, event, alert, draws=draws, seed=seed)
+        high, low = order_bounds(ratio.size, target, confidence)
+        curve = None
+        if estimator is None and high >= 1:
+            found = counted(ratio, target, confidence, high, low)
+        elif not ls_quantities(part).available.any():
+            found = ALWAYS_ALARMS
+        elif len(part) > 1:
+            needed = math.ceil(fewest_draws(target, confidence) / int(fault.applies(part).sum()))
+            raise InputError(
+                f"draws: a pooled multiplier is counted, which at {target:g} with confidence {confidence:g} needs "
+                f"at least {needed} draws per epoch, not {draws} (or a larger target, or one multiplier per epoch)."
+            )
+        elif estimator is None:
+            state, name = ratio_state(part, fault, chosen, event, alert), f"{chosen.name}/{event}/{fault.labels[0]}"
+            made = from_curve(
+                state, target=target, confidence=confidence, key=(seed, int(part.epoch[0])), name=name,
+                target_cov=target_cov, most_evaluations=max_evaluations,
+            )  # fmt: skip
+            found, curve = made.found, made.curve
+        else:
+            asked, one = estimator, part[0]
+            local = Faults.from_array(one, fault.bias_m[:, [part.names.index(name) for name in one.names]])
+
+            def trial(k: float) -> tuple[float, float, float, str]:
+                row = asked(with_k(chosen, k))(local, target_cov, seed).iloc[0]
+                return *bounds_of(row, confidence), str(row["warning"])
+
+            found = searched(trial, first_guess(ratio, target), target)
+        alarm = [alarm_rate(unit_m, k, alert, confidence) for k in (k_of(chosen), found.high)]
+        return found, alarm_columns(*alarm), curve
+
     rows: list[dict[str, Any]] = []
     curves: list[dict[str, Any]] = []
-    for part in epochs:
+    for part in [series] if pooled else [series[k : k + 1] for k in range(len(series))]:
         for k in range(len(faults)):
-            fault = Faults(faults.bias_m[k : k + 1], faults.names, faults.labels[k : k + 1])
+            fault = faults.only(k)
             if not fault.applies(part).any():
                 continue
             keys = {
@@ -133,26 +166,13 @@ def calibrate(
                 "event": event,
                 "target": float(target),
             }
-            if isinstance(chosen, Ls) and estimator is None:
-                found, alarm = exact_multiplier(part, fault, chosen, event, alert, target)
+            if exact_law(chosen) is not None and estimator is None:
+                found, alarm = exact_k_factor(part, fault, chosen, event, alert, target)
             else:
-                found, alarm, curve = _estimated(
-                    part,
-                    fault,
-                    chosen,
-                    event,
-                    alert,
-                    target=target,
-                    confidence=confidence,
-                    draws=draws,
-                    seed=seed,
-                    target_cov=target_cov,
-                    max_evaluations=max_evaluations,
-                    estimator=estimator,
-                )
+                found, alarm, curve = estimated(part, fault)
                 if curve is not None:
                     curves.append(_curve_columns(keys, curve, confidence))
-            rows.append(keys | _columns(found, float(chosen.k_vertical)) | alarm | _check_columns(found))
+            rows.append(keys | _columns(found, k_of(chosen), alarm))
     if not rows:
         raise InputError("faults: none of them has all of its satellites in view at any epoch of this geometry.")
     table = pd.DataFrame(rows)
@@ -164,82 +184,14 @@ def calibrate(
     return table
 
 
-def _estimated(
-    g: Geometry,
-    fault: Faults,
-    method: Any,
-    event: str,
-    alert: AlertLimits,
-    *,
-    target: float,
-    confidence: float,
-    draws: int,
-    seed: int,
-    target_cov: float,
-    max_evaluations: int,
-    estimator: Callable[[Method], Estimator] | None,
-) -> tuple[Found, dict[str, float], TailCurve | None]:
-    unit_m, ratio = drawn_ratios(g, fault, method, event, alert, draws=draws, seed=seed)
-    high, low = order_bounds(ratio.size, target, confidence)
-    curve = None
-    if estimator is None and high >= 1:
-        found = counted(ratio, target, confidence, high, low)
-    elif not ls_quantities(g).available.any():
-        found = always_alarms()
-    elif len(g) > 1:
-        needed = math.ceil(fewest_draws(target, confidence) / int(fault.applies(g).sum()))
-        raise InputError(
-            f"draws: a pooled multiplier is counted, which at {target:g} with confidence {confidence:g} needs at "
-            f"least {needed} draws per epoch, not {draws} (or a larger target, or one multiplier per epoch)."
-        )
-    elif estimator is None:
-        made = from_curve(
-            ratio_state(g, fault, method, event, alert),
-            target=target,
-            confidence=confidence,
-            key=(seed, int(g.epoch[0])),
-            name="/".join((method.name, event, fault.labels[0])),
-            target_cov=target_cov,
-            most_evaluations=max_evaluations,
-        )
-        found, curve = made.found, made.curve
-    else:
-        one = g[0]
-        local = Faults.from_array(one, fault.bias_m[:, [g.names.index(name) for name in one.names]])
-
-        def trial(k: float) -> tuple[float, float, float, str]:
-            row = estimator(dataclasses.replace(method, k_vertical=k))(local, target_cov, seed).iloc[0]
-            return *bounds_of(row, confidence), str(row["warning"])
-
-        found = searched(trial, first_guess(ratio, target), target)
-    alarm = [alarm_rate(unit_m, k, alert, confidence) for k in (float(method.k_vertical), found.high)]
-    return found, alarm_columns(*alarm), curve
+def _columns(found: Found, k_before: float, alarm: dict[str, float]) -> dict[str, object]:
+    names = ("probability", "probability_low", "probability_high")
+    first = {"found": found.found, "draws": found.draws, "k_vertical": found.k, "k_low": found.low}
+    first |= {"k_high": found.high, "inflation": found.high / k_before}
+    return first | {name: getattr(found, name) for name in names} | alarm | found.check | {"warning": found.warning}
 
 
-def _columns(found: Found, k_before: float) -> dict[str, object]:
-    return {
-        "found": found.found,
-        "draws": found.draws,
-        "k_vertical": found.k,
-        "k_low": found.low,
-        "k_high": found.high,
-        "inflation": found.high / k_before,
-        "probability": found.probability,
-        "probability_low": found.probability_low,
-        "probability_high": found.probability_high,
-    }
-
-
-def _check_columns(found: Found) -> dict[str, object]:
-    return {
-        "check_probability": found.check_probability,
-        "check_low": found.check_low,
-        "check_high": found.check_high,
-        "warning": found.warning,
-    }
-
-
-def _curve_columns(keys: dict[str, Any], curve: TailCurve, confidence: float) -> dict[str, Any]:
+def _curve_columns(keys: dict[str, Any], curve: ExceedanceCurve, confidence: float) -> dict[str, Any]:
     low, high = curve.bounds(confidence)
     columns = {"k_vertical": curve.k, "probability": curve.probability, "low": low, "high": high}
     return {name: keys[name] for name in ("epoch", "method", "fault")} | {

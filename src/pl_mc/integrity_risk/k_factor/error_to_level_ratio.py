@@ -7,42 +7,31 @@ once; the levels that subset simulation climbs through are multipliers themselve
 
 from __future__ import annotations
 
-import dataclasses
-import functools
 from dataclasses import dataclass
-from typing import Any, Protocol
+from typing import Protocol
 
-import jax
 import jax.numpy as jnp
 import numpy as np
 from jax import Array
-from numpy.typing import NDArray
 
 from pl_mc.alert import AlertLimits
+from pl_mc.arrays import FloatArray
 from pl_mc.faults import Faults
 from pl_mc.geometry.record import UP, Geometry
-from pl_mc.integrity_risk.rare.limit_state import EpochState, in_calls, rotation
-from pl_mc.kernels import linear_model, start_from
+from pl_mc.integrity_risk.rare.limit_state import EpochState
+from pl_mc.integrity_risk.rare.subset import Coordinates
 from pl_mc.methods.base import Method, Outcome
-
-FloatArray = NDArray[np.float64]
+from pl_mc.methods.capabilities import with_k
 
 EXCEEDED, MISLEADING = "exceeded", "misleading"
 EVENTS = (EXCEEDED, MISLEADING)
 
-_TILE = 512
 # Logarithms of ratios are cut here: no solution on one side, a level of zero on the other.
 _FAR = 700.0
 
 
-class Ratio(Protocol):
+class Ratio(Coordinates, Protocol):
     """A ratio that knows its coordinates."""
-
-    @property
-    def active(self) -> int: ...
-
-    @property
-    def dimension(self) -> int: ...
 
     def ratio(self, points: FloatArray) -> FloatArray: ...
 
@@ -53,20 +42,7 @@ class RatioState(EpochState):
 
     def ratio(self, points: FloatArray) -> FloatArray:
         """(N,), the ratio of points (N, dimension), standard normal; zero where no multiplier has the event."""
-        return in_calls(
-            points,
-            self.coordinates,
-            lambda noise: _ratios(
-                self.design,
-                self.sigma_m,
-                self.in_view,
-                self.bias_m,
-                noise,
-                np.float64(self.vertical_m),
-                np.bool_(self.event == MISLEADING),
-                method=self.method,
-            ),
-        )
+        return self.computed(points, ratio_of, np.bool_(self.event == MISLEADING))
 
     def at(self, k: float) -> RatioLimit:
         """The limit state of the event at one multiplier."""
@@ -96,21 +72,9 @@ class RatioLimit:
 
 
 def ratio_state(g: Geometry, fault: Faults, method: Method, event: str, alert: AlertLimits) -> RatioState:
-    """The ratio at an epoch with a determined position and redundancy.
-
-    Args:
-        g: one epoch, or a series of one.
-        fault: one fault of this geometry.
-        method: with a multiplier ``k_vertical``, whose value is of no account.
-        event: one of `EVENTS`.
-        alert: alert limits; the vertical one is used.
-    """
-    series = g.as_series()
-    seen, design, sigma = series.in_view[0], series.design[0], series.sigma_m[0]
-    bias = np.where(seen, fault.bias_m[0, series.satellite[0]], 0.0)
+    """The ratio under one fault at an epoch, or a series of one, with redundancy; the multiplier does not count."""
     # A change of the multiplier would be another record, and a compilation of its own.
-    unit: Any = dataclasses.replace(method, k_vertical=1.0)  # type: ignore[type-var]
-    return RatioState(design, sigma, seen, bias, unit, event, alert.vertical_m, rotation(design, sigma, seen, bias))
+    return RatioState.of(g.as_series(), 0, fault.bias_m[0], with_k(method, 1.0), event, alert)
 
 
 def ratio_of(outcome: Outcome, vertical_m: Array | float, misleading: Array | bool) -> Array:
@@ -125,26 +89,3 @@ def ratio_of(outcome: Outcome, vertical_m: Array | float, misleading: Array | bo
     level = jnp.where(counts, outcome.vpl_m, 1.0)
     ratio = jnp.where(level > 0, worth / jnp.where(level > 0, level, 1.0), jnp.inf)
     return jnp.where(counts, ratio, 0.0)
-
-
-@functools.partial(jax.jit, static_argnames=("method",))
-def _ratios(
-    design: Array,
-    sigma_m: Array,
-    in_view: Array,
-    bias_m: Array,
-    noise: Array,
-    vertical_m: Array,
-    misleading: Array,
-    *,
-    method: Method,
-) -> Array:
-    """(N,), of whitened noise (N, n)."""
-    model = linear_model(design, sigma_m, in_view)
-    prepared = method.prepare(model)
-
-    def one_tile(tile: Array) -> Array:
-        errors = tile.T * sigma_m[:, None] + bias_m[:, None]
-        return ratio_of(method.solve(model, prepared, start_from(model, errors)), vertical_m, misleading)
-
-    return jax.lax.map(one_tile, noise.reshape(-1, _TILE, noise.shape[1])).reshape(-1)

@@ -5,19 +5,16 @@ from __future__ import annotations
 from dataclasses import replace
 
 import numpy as np
-from numpy.typing import NDArray
 
 from pl_mc.alert import AlertLimits
 from pl_mc.faults import Faults
 from pl_mc.geometry.record import Geometry
 from pl_mc.integrity_risk.k_factor.error_to_level_ratio import RatioState, ratio_state
-from pl_mc.integrity_risk.k_factor.exceedance_curve import climb_ratios, mean_curve
-from pl_mc.integrity_risk.k_factor.record import SMALLEST_FACTOR, exact_multiplier, require_multiple
+from pl_mc.integrity_risk.k_factor.from_curve import climb_ratios, mean_curve
+from pl_mc.integrity_risk.k_factor.multiplier import SMALLEST_FACTOR, exact_k_factor, exact_rates
 from pl_mc.integrity_risk.rare.limit_state import all_axes
-from pl_mc.methods import Ls, Method
-from pl_mc.statistics.exact import ls_rates
-
-FloatArray = NDArray[np.float64]
+from pl_mc.methods import Method
+from pl_mc.methods.capabilities import exact_law, require_k
 
 # Draws, the same for every fault, and the quantile of their ratios that orders the faults first.
 _DRAWS, _QUANTILE = 4096, 0.995
@@ -30,24 +27,16 @@ _POPULATIONS = (2, 4)
 def neediest_fault(
     g: Geometry, faults: Faults, *, method: Method, event: str, alert: AlertLimits, target: float, seed: int
 ) -> int:
-    """The fault of those given that needs the largest multiplier.
+    """The fault of those given that needs the largest multiplier, at one epoch with redundancy.
 
-    Exact for least squares. For other methods it is the one whose curve, with random numbers of its own, says so;
-    what that multiplier is has to be asked afresh, so that the choice of the largest does not bias it.
-
-    Args:
-        g: one epoch with redundancy.
-        faults: the faults.
-        method: with a multiplier.
-        event: ``exceeded`` or ``misleading``.
-        alert: alert limits.
-        target: probability of the event.
-        seed: of the random numbers.
+    Exact for a method with an exact law. For others it is the one whose curve, with random numbers of its own, says
+    so; what that multiplier is has to be asked afresh, so that the choice of the largest does not bias it.
+    Arguments as for `pl_mc.calibrate`.
     """
-    require_multiple(method)
-    if isinstance(method, Ls):
-        return _neediest_of_ls(g, faults, method, event, alert, target)
-    states = [ratio_state(g, _one(faults, k), method, event, alert) for k in range(len(faults))]
+    require_k(method)
+    if exact_law(method) is not None:
+        return _neediest_exactly(g, faults, method, event, alert, target)
+    states = [ratio_state(g, faults.only(k), method, event, alert) for k in range(len(faults))]
     rng = np.random.default_rng((seed, len(faults)))
     seen = states[0].in_view
     noise = rng.standard_normal((_DRAWS, int(seen.sum())))
@@ -55,31 +44,27 @@ def neediest_fault(
     scores = [float(np.quantile(replace(one, coordinates=plain).ratio(noise), _QUANTILE)) for one in states]
     left = np.argsort(-np.array(scores), kind="stable")[:_SECOND]
     for size, populations, keep in zip((_SMALL, _WHOLE), _POPULATIONS, (_THIRD, 1), strict=True):
-        k = [
-            _multiplier(states[one], target, size, populations, np.random.default_rng((seed, size))) for one in left
-        ]
+        k = [_k_factor(states[one], target, size, populations, np.random.default_rng((seed, size))) for one in left]
         left = left[np.argsort(-np.array(k), kind="stable")[:keep]]
     return int(left[0])
 
 
-def _multiplier(state: RatioState, target: float, size: int, populations: int, rng: np.random.Generator) -> float:
+def _k_factor(state: RatioState, target: float, size: int, populations: int, rng: np.random.Generator) -> float:
     """The multiplier of a curve of few populations; zero where none came down to the target."""
     ladders = [climb_ratios(state, rng, target=target, size=size) for _ in range(populations)]
-    return float(np.nan_to_num(mean_curve(ladders, target).multiplier(target, 0.5)[0]))
+    return float(np.nan_to_num(mean_curve(ladders, target).k_factor(target, 0.5)[0]))
 
 
-def _neediest_of_ls(g: Geometry, faults: Faults, method: Ls, event: str, alert: AlertLimits, target: float) -> int:
+def _neediest_exactly(
+    g: Geometry, faults: Faults, method: Method, event: str, alert: AlertLimits, target: float
+) -> int:
     """The fault with the largest risk at a multiplier that keeps the target under every other one."""
     k, best = SMALLEST_FACTOR, 0
     while True:
-        rates = ls_rates(g, faults, alert=alert, k_vertical=max(k, SMALLEST_FACTOR))[f"{event}_rate"].to_numpy()
+        rates = exact_rates(g, faults, method, alert, max(k, SMALLEST_FACTOR))[f"{event}_rate"].to_numpy()
         worst = int(rates.argmax())
         if rates[worst] <= target * (1.0 + 1e-6):
             return best
         best = worst
-        found, _ = exact_multiplier(g.as_series(), _one(faults, worst), method, event, alert, target)
+        found, _ = exact_k_factor(g.as_series(), faults.only(worst), method, event, alert, target)
         k = found.k
-
-
-def _one(faults: Faults, k: int) -> Faults:
-    return Faults(faults.bias_m[[k]], faults.names, (faults.labels[k],))

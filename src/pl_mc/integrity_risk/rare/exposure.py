@@ -10,32 +10,32 @@ from __future__ import annotations
 import functools
 import math
 from collections.abc import Sequence
+from itertools import product
 
 import jax
 import jax.numpy as jnp
 import numpy as np
 import pandas as pd
 from jax import Array
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 from scipy import stats
 
 from pl_mc.alert import LPV_200, AlertLimits
-from pl_mc.engine.checks import LARGEST_DRAWS, LARGEST_SEED, require_inputs
+from pl_mc.engine.calls import Chunk, run_calls
+from pl_mc.engine.checks import LARGEST_DRAWS, LARGEST_SEED, require_inputs, require_single
 from pl_mc.engine.core import EpochBatch, each_outcome, prepare_epoch
 from pl_mc.engine.events import EVENTS, events
 from pl_mc.engine.noise import LANES, epoch_key, live_lanes
-from pl_mc.engine.plan import Chunk, make_plan
+from pl_mc.engine.plan import make_plan
 from pl_mc.faults import Faults
 from pl_mc.geometry.record import Geometry
 from pl_mc.input_errors import InputError, require_positive, require_whole
 from pl_mc.methods import Method, Outcome, as_methods
 from pl_mc.noise_models import GAUSSIAN, NoiseModel, as_noise_model
 from pl_mc.noise_models.gauss_markov import GaussMarkov, step
-from pl_mc.runtime.precision import dtype_of, precision_scope
-from pl_mc.runtime.progress import with_progress
-from pl_mc.statistics.intervals import clopper_pearson
-
-FloatArray = NDArray[np.float64]
+from pl_mc.runtime.precision import dtype_of
+from pl_mc.runtime.progress import progress_bar
+from pl_mc.statistics.intervals import clopper_pearson, rate_columns
 
 CONFIDENCE = 0.95
 
@@ -95,49 +95,38 @@ def exposure(
             interval.
     """
     require_inputs(g, faults, alert)
-    if g.is_series:
-        raise InputError("geometry: an exposure holds one epoch; choose one of the series, such as g[0].")
+    require_single(g, "an exposure")
     draws = require_whole(draws, field="draws", low=1, high=LARGEST_DRAWS)
     seed = require_whole(seed, field="seed", low=0, high=LARGEST_SEED)
-    model = as_noise_model(noise)
-    model.require_geometry(g)
+    model = as_noise_model(noise, g)
     chosen = as_methods(methods)
     samples = samples_of(duration_s, interval_s)
     taus = _taus(tau_s)
-    plan, dtype = make_plan(g, faults, draws), dtype_of(precision)
-    with precision_scope(precision):
-        batch = jax.tree.map(lambda part: part[0], plan.batch(Chunk(0, 1, 0), dtype))
-        blocks = range(math.ceil(draws / LANES))
-        found = np.zeros((len(taus), 3, len(faults), len(chosen), len(EVENTS)))
-        work = [(place, block) for place in range(len(taus)) for block in blocks]
-        for place, block in with_progress(iter(work), total=len(work), what="Exposures", show=progress):
-            sums = _block_sums(
-                batch,
-                np.uint32(seed),
-                np.int32(block),
-                np.int32(draws // LANES),
-                np.int32(draws % LANES),
-                jnp.asarray(GaussMarkov(taus[place]).correlation(interval_s), dtype),
-                jnp.asarray(alert.vertical_m, dtype),
-                methods=chosen,
-                noise_model=model,
-                samples=samples,
-            )
-            found[place] += np.asarray(sums)
+    plan, dtype = make_plan(g, faults, draws).block_by_block(), dtype_of(precision)
+
+    def count(tau_s: float, chunk: Chunk, *blocks: np.int32) -> Array:
+        return _block_sums(
+            jax.tree.map(lambda part: part[0], plan.batch(chunk, dtype)), np.uint32(seed), *blocks,
+            jnp.asarray(GaussMarkov(tau_s).correlation(interval_s), dtype),
+            jnp.asarray(alert.vertical_m, dtype), methods=chosen, noise_model=model, samples=samples,
+        )  # fmt: skip
+
+    sums = np.zeros((len(taus), 3, len(faults), len(chosen), len(EVENTS)))
+    with progress_bar(total=len(taus) * plan.chunk_count, what="Exposures", show=progress) as advance:
+        for place, tau in enumerate(taus):
+            for _, of_block in run_calls(plan, functools.partial(count, tau), precision=precision):
+                sums[place] += of_block
+                advance()
+    # Faults stand in the plan's order, which for one epoch is theirs.
+    of_fault = list(zip(faults.labels, faults.scalar_bias_m.tolist(), strict=True))
+    names = ("tau_s", "fault", "bias_m", "method", "event")
     rows = []
-    for place, tau in enumerate(taus):
-        # Faults stand in the plan's order, which for one epoch is theirs.
-        for fault in range(len(faults)):
-            for number, method in enumerate(chosen):
-                keys = {
-                    "tau_s": tau,
-                    "fault": faults.labels[fault],
-                    "bias_m": float(faults.scalar_bias_m[fault]),
-                    "method": method.name,
-                }
-                for kind, event in enumerate(EVENTS):
-                    seen, total, squares = (float(value) for value in found[place, :, fault, number, kind])
-                    rows.append(keys | {"event": event.name} | _columns(seen, total, squares, draws, samples))
+    for (place, tau), (f, fault), (m, method), (kind, event) in product(
+        enumerate(taus), enumerate(of_fault), enumerate(chosen), enumerate(EVENTS)
+    ):
+        keys = dict(zip(names, (tau, *fault, method.name, event.name), strict=True))
+        seen, total, squares = sums[place, :, f, m, kind].tolist()
+        rows.append(keys | _columns(seen, total, squares, draws, samples))
     return pd.DataFrame(rows)
 
 
@@ -165,18 +154,9 @@ def _taus(tau_s: ArrayLike) -> list[float]:
 
 @functools.partial(jax.jit, static_argnames=("methods", "noise_model", "samples"))
 def _block_sums(
-    one: EpochBatch,
-    seed: Array,
-    block: Array,
-    full_blocks: Array,
-    remainder: Array,
-    correlation: Array,
-    vertical_m: Array,
-    *,
-    methods: tuple[Method, ...],
-    noise_model: NoiseModel,
-    samples: int,
-) -> Array:
+    one: EpochBatch, seed: Array, block: Array, full_blocks: Array, remainder: Array, correlation: Array,
+    vertical_m: Array, *, methods: tuple[Method, ...], noise_model: NoiseModel, samples: int,
+) -> Array:  # fmt: skip
     """(3, f, methods, events), over the exposures of a block.
 
     How many have the event, and the sum and the square sum of the number of samples with it.
@@ -187,11 +167,8 @@ def _block_sums(
     shape = (noise_model.inputs_per_row, rows, LANES)
 
     def fresh(time: Array) -> Array:
-        numbers = [
-            jax.random.normal(jax.random.fold_in(jax.random.fold_in(key, time), k), (rows, LANES), dtype)
-            for k in range(shape[0])
-        ]
-        return jnp.stack(numbers)
+        keys = [jax.random.fold_in(jax.random.fold_in(key, time), k) for k in range(shape[0])]
+        return jnp.stack([jax.random.normal(one, (rows, LANES), dtype) for one in keys])
 
     def count(outcomes: list[Outcome]) -> Array:
         return jnp.stack([events(outcome, vertical_m) for outcome in outcomes])
@@ -212,7 +189,6 @@ def _block_sums(
 
 
 def _columns(seen: float, total: float, squares: float, draws: int, samples: int) -> dict[str, float]:
-    low, high = (float(bound) for bound in clopper_pearson(seen, draws, CONFIDENCE))
     share, rate = seen / draws, total / draws / samples
     # Moments over exposures of whether the event happened and of the share of samples with it.
     variance = max(squares / draws / samples**2 - rate**2, 0.0)
@@ -232,14 +208,10 @@ def _columns(seen: float, total: float, squares: float, draws: int, samples: int
         "exposures": draws,
         "samples": samples,
         "exposures_with": int(seen),
-        "any_rate": share,
-        "any_low": low,
-        "any_high": high,
+        **rate_columns("any", share, *(float(bound) for bound in clopper_pearson(seen, draws, CONFIDENCE))),
         "samples_with": int(total),
         "sample_rate": rate,
         "sample_error": math.sqrt(variance / draws),
         "independent_rate": -math.expm1(samples * math.log1p(-rate)) if rate < 1.0 else 1.0,
-        "effective_samples": effective,
-        "effective_low": effective_low,
-        "effective_high": effective_high,
+        **{"effective_samples": effective, "effective_low": effective_low, "effective_high": effective_high},
     }

@@ -17,12 +17,10 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
+from pl_mc.arrays import FloatArray
 from pl_mc.integrity_risk.rare.mixture import Mixture, fit, join, normal
 from pl_mc.integrity_risk.rare.subset import MOVES, Sampled, climb, rejuvenate
-
-FloatArray = NDArray[np.float64]
 
 # Searches, each with an exploration, a proposal and a last sample of its own: at least, and at most.
 _FEWEST_SEARCHES, _MOST_SEARCHES = 4, 16
@@ -109,21 +107,13 @@ class Tally:
 
 
 def importance_sampling(
-    limit: Sampled,
-    rng: np.random.Generator,
-    *,
-    target_cov: float,
-    most_evaluations: int,
+    limit: Sampled, rng: np.random.Generator, *, target_cov: float, most_evaluations: int,
     known: FloatArray | None = None,
-) -> ImportanceRun:
-    """Estimate P(limit state > 0).
+) -> ImportanceRun:  # fmt: skip
+    """Estimate P(limit state > 0), with random numbers of this estimator alone.
 
-    Args:
-        limit: the limit state.
-        rng: random numbers of this estimator alone.
-        target_cov: the samples grow until standard error / estimate is at most this.
-        most_evaluations: or until more would need more limit states than this.
-        known: (N, dimension), points in the event that are known already; every search starts from them as well.
+    The samples grow until standard error / estimate is at most ``target_cov``, or more would need more limit states
+    than ``most_evaluations``. Every search starts from the points (N, dimension) ``known`` to be in the event too.
     """
     known = np.empty((0, limit.dimension)) if known is None else known
     searches: list[tuple[Mixture, Tally]] = []
@@ -176,14 +166,7 @@ def _together(tallies: list[Tally], evaluations: int) -> ImportanceRun:
         scatter = float(np.std([tally.probability for tally in tallies], ddof=1) / np.sqrt(len(tallies)))
         if scatter > error:
             error, dof = scatter, float(len(tallies) - 1)
-    return ImportanceRun(
-        probability=whole.probability,
-        standard_error=error,
-        dof=dof,
-        ess=ess,
-        largest_share=float(whole.largest / whole.first),
-        evaluations=evaluations,
-    )
+    return ImportanceRun(whole.probability, error, dof, ess, float(whole.largest / whole.first), evaluations)
 
 
 def adapted_proposal(
@@ -208,15 +191,7 @@ def _explore(limit: Sampled, rng: np.random.Generator, most_evaluations: int) ->
     for noise in _EXPLORING_NOISE:
         if spent + _POPULATION > most_evaluations:
             break
-        run = climb(
-            limit,
-            rng,
-            size=_POPULATION,
-            dimension=limit.dimension,
-            active=limit.active,
-            noise=noise,
-            most_evaluations=most_evaluations - spent,
-        )
+        run = climb(limit, rng, size=_POPULATION, noise=noise, most_evaluations=most_evaluations - spent)
         spent += run.evaluations
         points.append(run.points)
     return np.concatenate(points), spent

@@ -9,6 +9,7 @@ from __future__ import annotations
 import functools
 from collections.abc import Callable
 from dataclasses import dataclass
+from typing import Any, Self
 
 import jax
 import jax.numpy as jnp
@@ -16,19 +17,22 @@ import numpy as np
 from jax import Array
 from numpy.typing import NDArray
 
-from pl_mc.geometry.record import POSITION_UNKNOWNS, UP
+from pl_mc.alert import AlertLimits
+from pl_mc.arrays import FloatArray
+from pl_mc.geometry.record import POSITION_UNKNOWNS, UP, Geometry
 from pl_mc.kernels import linear_model, start_from
 from pl_mc.methods.base import Method, Outcome
 from pl_mc.noise_models import GAUSSIAN, NoiseModel
 from pl_mc.runtime.precision import precision_scope
-
-FloatArray = NDArray[np.float64]
 
 RISK_EVENTS = ("missed", "misleading", "exceeded", "alarm")
 
 # Scenarios per call and per tile of a call: enough to hide a call's cost, tiles that stay in the cache.
 POINTS_PER_CALL = 1024
 _TILE = 512
+
+# From outcomes, vertical alert limit [m] and event to a number each.
+OfOutcome = Callable[[Outcome, Array, Any], Array]
 
 # The limit state [m] where no distance is known: no solution, or a test of the method's own that decides alone.
 FAR_M = 1e9
@@ -69,11 +73,7 @@ class InCoordinates:
 
 
 def rotation(design: FloatArray, sigma_m: FloatArray, in_view: NDArray[np.bool_], bias_m: FloatArray) -> Rotation:
-    """The coordinates of one epoch with a determined position and at least one redundant satellite.
-
-    Args:
-        design: (n, t) [m/m]; sigma_m: (n,) [m]; in_view: (n,); bias_m: (n,), the fault [m].
-    """
+    """The coordinates of an epoch with redundancy: design (n, t) [m/m]; sigma [m], view and fault [m] (n,)."""
     seen = np.flatnonzero(in_view)
     whitened = design[seen] / sigma_m[seen, None]
     used = whitened.any(axis=0) | (np.arange(whitened.shape[1]) < POSITION_UNKNOWNS)
@@ -88,30 +88,21 @@ def rotation(design: FloatArray, sigma_m: FloatArray, in_view: NDArray[np.bool_]
     # A fault that the residuals do not show leaves a trace of rounding alone.
     if float(np.linalg.norm(trace)) > 1e-9 * float(np.linalg.norm(scaled)):
         first.append(trace)
-    residual_space = np.eye(seen.size) - fitted @ fitted.T
     unknowns = triangle.shape[0]
-    # Its left singular vectors with singular value one span the residuals.
-    residuals = np.linalg.svd(residual_space)[0][:, : seen.size - unknowns]
-    basis = _orthonormal(np.column_stack([*first, residuals, fitted]))
+    # The left singular vectors of I - QQ' with singular value one span the residuals.
+    residuals = np.linalg.svd(np.eye(seen.size) - fitted @ fitted.T)[0][:, : seen.size - unknowns]
     matrix = np.zeros((design.shape[0], seen.size))
-    matrix[seen] = basis
+    matrix[seen] = _orthonormal(np.column_stack([*first, residuals, fitted]))
     return Rotation(matrix, active=seen.size - unknowns + 1)
 
 
 def all_axes(in_view: NDArray[np.bool_], inputs: int) -> Rotation:
-    """The numbers of each satellite in view as they are, where turning them would give other errors.
+    """The ``inputs`` numbers of each satellite in view (n,) as they are; rows by (inputs, n).
 
     Independent errors that are not Gaussian look the same along the axes of the satellites alone, and an error that
     comes from several numbers has no direction at all. So every coordinate matters.
-
-    Args:
-        in_view: (n,); inputs: numbers of each satellite.
-
-    Returns:
-        Coordinates by (inputs, satellites in view), rows by (inputs, n).
     """
-    one = np.eye(in_view.size)[:, in_view]
-    matrix = np.asarray(np.kron(np.eye(inputs), one), dtype=np.float64)
+    matrix = np.asarray(np.kron(np.eye(inputs), np.eye(in_view.size)[:, in_view]), dtype=np.float64)
     return Rotation(matrix, active=matrix.shape[1])
 
 
@@ -128,19 +119,6 @@ def _orthonormal(columns: FloatArray) -> FloatArray:
         if left > 1e-7:
             kept.append(rest / left)
     return np.column_stack(kept)
-
-
-def in_calls(points: FloatArray, coordinates: Rotation, compiled: Callable[[FloatArray], Array]) -> FloatArray:
-    """(N,), a compiled function of the noise (POINTS_PER_CALL, rows) at points (N, dimension), call by call."""
-    values = np.empty(len(points))
-    rows = coordinates.matrix
-    with precision_scope("float64"):
-        for start in range(0, len(points), POINTS_PER_CALL):
-            some = points[start : start + POINTS_PER_CALL]
-            noise = np.zeros((POINTS_PER_CALL, rows.shape[0]))
-            noise[: len(some)] = some @ rows.T
-            values[start : start + len(some)] = np.asarray(compiled(noise))[: len(some)]
-    return values
 
 
 @dataclass(frozen=True)
@@ -165,6 +143,35 @@ class EpochState(InCoordinates):
     vertical_m: float
     coordinates: Rotation
 
+    @classmethod
+    def of(
+        cls, series: Geometry, epoch: int, bias_m: FloatArray, method: Method, event: str, alert: AlertLimits,
+        coordinates: Rotation | None = None, **options: Any,
+    ) -> Self:  # fmt: skip
+        """Of an epoch by its place in a series, with the fault by satellite (m,) [m]; `rotation` unless given."""
+        seen, design, sigma = series.in_view[epoch], series.design[epoch], series.sigma_m[epoch]
+        bias = np.where(seen, bias_m[series.satellite[epoch]], 0.0)
+        turned = rotation(design, sigma, seen, bias) if coordinates is None else coordinates
+        return cls(design, sigma, seen, bias, method, event, alert.vertical_m, turned, **options)
+
+    def computed(
+        self, points: FloatArray, of: OfOutcome, event: Any, noise_model: NoiseModel = GAUSSIAN
+    ) -> FloatArray:
+        """(N,), what a function of outcomes, alert limit and event makes of points (N, dimension), call by call."""
+        arrays = (self.design, self.sigma_m, self.in_view, self.bias_m)
+        rows, vertical_m = self.coordinates.matrix, np.float64(self.vertical_m)
+        values = np.empty(len(points))
+        with precision_scope("float64"):
+            for start in range(0, len(points), POINTS_PER_CALL):
+                some = points[start : start + POINTS_PER_CALL]
+                noise = np.zeros((POINTS_PER_CALL, rows.shape[0]))
+                noise[: len(some)] = some @ rows.T
+                found = _values(
+                    *arrays, noise, vertical_m, event, of=of, method=self.method, noise_model=noise_model
+                )
+                values[start : start + len(some)] = np.asarray(found)[: len(some)]
+        return values
+
 
 @dataclass(frozen=True)
 class LimitState(EpochState):
@@ -178,51 +185,32 @@ class LimitState(EpochState):
 
     def __call__(self, points: FloatArray) -> FloatArray:
         """(N,), the limit state [m] of points (N, dimension), standard normal."""
-        return in_calls(
-            points,
-            self.coordinates,
-            lambda noise: _levels(
-                self.design,
-                self.sigma_m,
-                self.in_view,
-                self.bias_m,
-                noise,
-                np.float64(self.vertical_m),
-                np.int32(RISK_EVENTS.index(self.event)),
-                method=self.method,
-                noise_model=self.noise,
-            ),
-        )
+        return self.computed(points, _by_place, np.int32(RISK_EVENTS.index(self.event)), self.noise)
 
 
-@functools.partial(jax.jit, static_argnames=("method", "noise_model"))
-def _levels(
-    design: Array,
-    sigma_m: Array,
-    in_view: Array,
-    bias_m: Array,
-    noise: Array,
-    vertical_m: Array,
-    event: Array,
-    *,
-    method: Method,
-    noise_model: NoiseModel,
-) -> Array:
-    """(N,), the limit state of standard normal numbers (N, k n), for an event by its place in `RISK_EVENTS`."""
+@functools.partial(jax.jit, static_argnames=("of", "method", "noise_model"))
+def _values(
+    design: Array, sigma_m: Array, in_view: Array, bias_m: Array, noise: Array, vertical_m: Array, event: Array, *,
+    of: OfOutcome, method: Method, noise_model: NoiseModel,
+) -> Array:  # fmt: skip
+    """(N,), what ``of`` makes of the outcomes of standard normal numbers (N, k n)."""
     model = linear_model(design, sigma_m, in_view)
     prepared = method.prepare(model)
-    tiles = noise.reshape(-1, _TILE, noise.shape[1])
+    rows = sigma_m.shape[0]
 
     def one_tile(tile: Array) -> Array:
-        rows = sigma_m.shape[0]
         numbers = tile.T
         units = [numbers[k * rows : (k + 1) * rows] for k in range(noise_model.inputs_per_row)]
         errors = noise_model.shape(model, units) * sigma_m[:, None] + bias_m[:, None]
-        outcome = method.solve(model, prepared, start_from(model, errors))
-        # All of them cost next to nothing, and one compiled function serves every event.
-        return jnp.stack([limit_state(outcome, vertical_m, name) for name in RISK_EVENTS])[event]
+        return of(method.solve(model, prepared, start_from(model, errors)), vertical_m, event)
 
-    return jax.lax.map(one_tile, tiles).reshape(-1)
+    return jax.lax.map(one_tile, noise.reshape(-1, _TILE, noise.shape[1])).reshape(-1)
+
+
+def _by_place(outcome: Outcome, vertical_m: Array, event: Array) -> Array:
+    """The limit state of an event by its place in `RISK_EVENTS`."""
+    # All of them cost next to nothing, and one compiled function serves every event.
+    return jnp.stack([limit_state(outcome, vertical_m, name) for name in RISK_EVENTS])[event]
 
 
 def limit_state(outcome: Outcome, vertical_m: Array | float, event: str) -> Array:

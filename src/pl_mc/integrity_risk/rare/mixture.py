@@ -10,10 +10,9 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy import special
 
-FloatArray = NDArray[np.float64]
+from pl_mc.arrays import FloatArray
 
 # Degrees of freedom of the fitted components: tails that forgive a misfit, at a small price where there is none.
 STUDENT_DOF = 8.0

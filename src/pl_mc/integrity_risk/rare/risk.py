@@ -12,16 +12,16 @@ from dataclasses import dataclass
 
 import numpy as np
 import pandas as pd
-from numpy.typing import NDArray
 from scipy import stats
 
 from pl_mc.alert import LPV_200, AlertLimits
+from pl_mc.arrays import FloatArray
 from pl_mc.engine.checks import LARGEST_SEED, notes_on_faults, require_inputs
 from pl_mc.faults import Faults
 from pl_mc.geometry.record import Geometry
-from pl_mc.input_errors import InputError, require_choice, require_number, require_whole
+from pl_mc.input_errors import require_choice, require_fraction, require_whole
 from pl_mc.integrity_risk.rare.importance import ImportanceRun, importance_sampling
-from pl_mc.integrity_risk.rare.limit_state import RISK_EVENTS, LimitState, all_axes, rotation
+from pl_mc.integrity_risk.rare.limit_state import RISK_EVENTS, LimitState, all_axes
 from pl_mc.integrity_risk.rare.subset import Sampled, SubsetRun, subset_simulation
 from pl_mc.methods import Method, as_methods
 from pl_mc.noise_models import GAUSSIAN, NoiseModel, as_noise_model
@@ -29,8 +29,6 @@ from pl_mc.runtime.progress import with_progress
 from pl_mc.runtime.threads import cores, in_order
 from pl_mc.statistics.intervals import clopper_pearson
 from pl_mc.statistics.least_squares import ls_quantities
-
-FloatArray = NDArray[np.float64]
 
 CONFIDENCE = 0.95
 FEWEST_EVALUATIONS = 500_000
@@ -136,12 +134,10 @@ def risk(
     require_choice(event, RISK_EVENTS, field="event")
     seed = require_whole(seed, field="seed", low=0, high=LARGEST_SEED)
     most = require_whole(max_evaluations, field="max_evaluations", low=FEWEST_EVALUATIONS)
-    if not 0.0 < require_number(target_cov, field="target_cov") < 1.0:
-        raise InputError(f"target_cov: a number above 0 and below 1 is needed, not {target_cov!r}.")
+    require_fraction(target_cov, field="target_cov")
     threads = cores() if workers is None else require_whole(workers, field="workers", low=1)
     (chosen,) = as_methods([method])
-    model = as_noise_model(noise)
-    model.require_geometry(g)
+    model = as_noise_model(noise, g)
     series = g.as_series()
     available = np.atleast_1d(ls_quantities(series).available)
     rows = [(int(epoch), int(fault)) for epoch, fault in zip(*np.nonzero(faults.applies(g)), strict=True)]
@@ -151,22 +147,8 @@ def risk(
         if not available[epoch]:
             certain = float(event == "alarm")
             return RiskEstimate(certain, 0.0, certain, certain, np.inf, 0, CERTAIN)
-        seen = series.in_view[epoch]
-        bias = np.where(seen, faults.bias_m[fault, series.satellite[epoch]], 0.0)
-        design, sigma = series.design[epoch], series.sigma_m[epoch]
-        limit = LimitState(
-            design=design,
-            sigma_m=sigma,
-            in_view=seen,
-            bias_m=bias,
-            method=chosen,
-            event=event,
-            vertical_m=alert.vertical_m,
-            coordinates=(
-                rotation(design, sigma, seen, bias) if model.shifts_only else all_axes(seen, model.inputs_per_row)
-            ),
-            noise=model,
-        )
+        axes = None if model.shifts_only else all_axes(series.in_view[epoch], model.inputs_per_row)
+        limit = LimitState.of(series, epoch, faults.bias_m[fault], chosen, event, alert, axes, noise=model)
         # Gaussian errors are not named: they have had these random numbers all along.
         named = () if model == GAUSSIAN else (model.name,)
         name = "/".join((chosen.name, event, faults.labels[fault], *named))
@@ -175,14 +157,12 @@ def risk(
 
     results = with_progress(in_order(run, rows, threads), total=len(rows), what="Risk", show=progress)
     found = [estimate for _, estimate in results]
-    keys: dict[str, object] = {}
-    if g.is_series:
-        keys["epoch"] = [int(series.epoch[epoch]) for epoch, _ in rows]
+    keys: dict[str, object] = {"epoch": [int(series.epoch[epoch]) for epoch, _ in rows]} if g.is_series else {}
     keys |= {
         "fault": np.array([faults.labels[fault] for _, fault in rows], dtype=object),
         "bias_m": faults.scalar_bias_m[[fault for _, fault in rows]],
-        "method": np.array([chosen.name] * len(rows), dtype=object),
-        "event": np.array([event] * len(rows), dtype=object),
+        "method": np.full(len(rows), chosen.name, dtype=object),
+        "event": np.full(len(rows), event, dtype=object),
     }
     for field in RiskEstimate.__dataclass_fields__:
         values = [getattr(one, field) for one in found]
@@ -213,9 +193,8 @@ def estimate_risk(
         draws = min(_BOUNDING_DRAWS, most_evaluations - spent)
         events = len(_events(limit, counts, draws))
         return _counted(events, draws, spent + draws, target_cov)
-    check = subset_simulation(
-        limit, second, target_cov=max(_SECOND_COV, target_cov), most_evaluations=most_evaluations - spent
-    )
+    coarse, left = max(_SECOND_COV, target_cov), most_evaluations - spent
+    check = subset_simulation(limit, second, target_cov=coarse, most_evaluations=left)
     return judge(found, check, evaluations=spent, target_cov=target_cov)
 
 
@@ -247,19 +226,9 @@ def judge(found: ImportanceRun, check: SubsetRun, *, evaluations: int, target_co
         low, high = min(low, below), max(high, above)
     elif cov > target_cov:
         warnings.append(f"coefficient of variation {cov:.2g} when the evaluations ran out")
-    return RiskEstimate(
-        probability=probability,
-        standard_error=found.standard_error,
-        low=low,
-        high=high,
-        ess=found.ess,
-        evaluations=evaluations,
-        estimator=IMPORTANCE,
-        subset_probability=check.probability,
-        subset_standard_error=check.standard_error,
-        subset_evaluations=check.evaluations,
-        warning="; ".join(warnings),
-    )
+    first = (probability, found.standard_error, low, high, found.ess, evaluations)
+    second = (check.probability, check.standard_error, check.evaluations)
+    return RiskEstimate(*first, IMPORTANCE, *second, "; ".join(warnings))
 
 
 def _disagree(found: ImportanceRun, check: SubsetRun) -> bool:
@@ -310,13 +279,5 @@ def _counted(events: int, draws: int, evaluations: int, target_cov: float) -> Ri
         warning = f"nothing reached the event; {draws} plain draws without it bound it from above"
     elif error > target_cov * rate:
         warning = f"coefficient of variation {error / rate:.2g} from {events} events in {draws} draws"
-    return RiskEstimate(
-        probability=rate if events else np.nan,
-        standard_error=error if events else np.nan,
-        low=low,
-        high=high,
-        ess=float(events),
-        evaluations=evaluations,
-        estimator=COUNTING,
-        warning=warning,
-    )
+    value = (rate, error) if events else (np.nan, np.nan)
+    return RiskEstimate(*value, low, high, float(events), evaluations, COUNTING, warning=warning)

@@ -15,7 +15,8 @@ from typing import Protocol
 import numpy as np
 from numpy.typing import NDArray
 
-FloatArray = NDArray[np.float64]
+from pl_mc.arrays import FloatArray
+
 Limit = Callable[[FloatArray], FloatArray]
 
 # Noise in which populations start, in turn.
@@ -33,14 +34,18 @@ ACCEPTANCE = 0.35
 _COOLING_SHARE = 0.5
 
 
-class Sampled(Protocol):
-    """A limit state that knows its coordinates, as `pl_mc.integrity_risk.rare.limit_state.LimitState` does."""
+class Coordinates(Protocol):
+    """What knows its coordinates: how many matter, and how many there are."""
 
     @property
     def active(self) -> int: ...
 
     @property
     def dimension(self) -> int: ...
+
+
+class Sampled(Coordinates, Protocol):
+    """A limit state that knows its coordinates, as `pl_mc.integrity_risk.rare.limit_state.LimitState` does."""
 
     def __call__(self, points: FloatArray) -> FloatArray: ...
 
@@ -63,41 +68,23 @@ class SubsetRun:
 
 
 def subset_simulation(
-    limit: Sampled,
-    rng: np.random.Generator,
-    *,
-    target_cov: float,
-    most_evaluations: int,
-    size: int = 4096,
-    fewest: int = 6,
-    most: int = 30,
-) -> SubsetRun:
+    limit: Sampled, rng: np.random.Generator, *, target_cov: float, most_evaluations: int, size: int = 4096,
+    fewest: int = 6, most: int = 30,
+) -> SubsetRun:  # fmt: skip
     """Estimate P(limit state > 0) as the mean of independent populations, with the error that their scatter shows.
 
     Each population's estimate is nearly unbiased, but where an event has several regions it is skewed: most
     populations find too little, a few far too much. The scatter between populations tells.
 
-    Args:
-        limit: the limit state.
-        rng: random numbers of this estimator alone.
-        target_cov: populations are added until standard error / mean is at most this.
-        most_evaluations: or until another might need more than this in all.
-        size: points of each population.
-        fewest, most: populations at the least, unless ``most_evaluations`` forbids, and at the most; the start
-            noises take turns.
+    Populations of ``size`` points, whose start noises take turns, are added until standard error / mean is at most
+    ``target_cov``, or another might need more than ``most_evaluations`` in all; ``fewest`` at the least, unless
+    that forbids, and ``most`` at the most.
     """
     estimates: list[float] = []
     spent = largest = 0
     while True:
-        run = climb(
-            limit,
-            rng,
-            size=size,
-            dimension=limit.dimension,
-            active=limit.active,
-            noise=START_NOISE[len(estimates) % len(START_NOISE)],
-            most_evaluations=most_evaluations - spent,
-        )
+        noise = START_NOISE[len(estimates) % len(START_NOISE)]
+        run = climb(limit, rng, size=size, noise=noise, most_evaluations=most_evaluations - spent)
         estimates.append(float(np.exp(run.log_probability)) if run.reached else 0.0)
         spent += run.evaluations
         largest = max(largest, run.evaluations)
@@ -132,31 +119,17 @@ class Population:
 
 
 def climb(
-    limit: Limit,
-    rng: np.random.Generator,
-    *,
-    size: int,
-    dimension: int,
-    active: int,
-    noise: float = 1.0,
-    moves: int = MOVES,
+    limit: Sampled, rng: np.random.Generator, *, size: int, noise: float = 1.0, moves: int = MOVES,
     most_evaluations: float = np.inf,
-) -> Population:
-    """One population from the noise into the event.
+) -> Population:  # fmt: skip
+    """One population of ``size`` points from the noise into the event, with ``moves`` of each at every level.
 
-    Args:
-        limit: the limit state of points (N, dimension).
-        rng: its random numbers.
-        size: number of points.
-        dimension: number of coordinates.
-        active: the first so many of them start with ``noise`` times their nominal standard deviation.
-        noise: 1 for subset simulation as such.
-        moves: moves of every point at every level.
-        most_evaluations: a population that would need more limit states gives up.
+    Active coordinates start with ``noise`` times their nominal standard deviation, 1 for subset simulation as such.
+    A population that would need more limit states than ``most_evaluations`` gives up.
     """
-    sigma = np.ones(dimension)
-    sigma[:active] = noise
-    points = rng.standard_normal((size, dimension)) * sigma
+    sigma = np.ones(limit.dimension)
+    sigma[: limit.active] = noise
+    points = rng.standard_normal((size, limit.dimension)) * sigma
     values = limit(points)
     spent = size
     log_probability = 0.0
@@ -179,7 +152,7 @@ def climb(
     while sigma[0] > 1.0:
         if spent + moves * size > most_evaluations:
             return Population(points[:0], log_probability, False, spent)
-        cooler, log_ratio, weights = _cool(points, sigma, active)
+        cooler, log_ratio, weights = _cool(points, sigma, limit.active)
         log_probability += log_ratio
         sigma = cooler
         chosen = systematic(rng, weights, size)
@@ -198,15 +171,9 @@ def rejuvenate(
 
 
 def move(
-    limit: Limit,
-    rng: np.random.Generator,
-    points: FloatArray,
-    values: FloatArray,
-    level: float,
-    sigma: FloatArray,
-    step: float,
-    moves: int,
-) -> tuple[FloatArray, FloatArray, float]:
+    limit: Limit, rng: np.random.Generator, points: FloatArray, values: FloatArray, level: float,
+    sigma: FloatArray, step: float, moves: int,
+) -> tuple[FloatArray, FloatArray, float]:  # fmt: skip
     """Moves of every point that keep the noise's distribution above ``level``; and the step that suits them."""
     points, values = points.copy(), values.copy()
     for _ in range(moves):

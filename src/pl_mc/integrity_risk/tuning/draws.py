@@ -13,16 +13,14 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
+from pl_mc.arrays import FloatArray
 from pl_mc.integrity_risk.k_factor.error_to_level_ratio import RatioLimit
-from pl_mc.integrity_risk.k_factor.exceedance_curve import climb_ratios, mean_curve
+from pl_mc.integrity_risk.k_factor.from_curve import climb_ratios, mean_curve
 from pl_mc.integrity_risk.rare.importance import adapted_proposal, log_normal
 from pl_mc.integrity_risk.rare.limit_state import InCoordinates, Rotation, rotation
 from pl_mc.integrity_risk.rare.mixture import Mixture, join
 from pl_mc.integrity_risk.tuning.objective import TuningProblem, WeightedNoise
-
-FloatArray = NDArray[np.float64]
 
 # Populations that find the level, and how much more often than the target it is passed: limits that move, and steps
 # that are smooth, look at ratios on either side.
@@ -97,7 +95,7 @@ def weighted_noise(
             state = LimitedRatio(problem, k, limits, turned)
             often = min(_OFTEN * problem.target, 0.1)
             ladders = [climb_ratios(state, rng, target=often, size=_POINTS) for _ in range(_POPULATIONS)]
-            level = mean_curve(ladders, often).multiplier(often, 0.5)[0]
+            level = mean_curve(ladders, often).k_factor(often, 0.5)[0]
             spent += sum(one.evaluations for one in ladders)
             if not np.isfinite(level):
                 continue

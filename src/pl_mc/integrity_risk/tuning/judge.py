@@ -15,23 +15,19 @@ from numpy.typing import NDArray
 from scipy import stats
 
 from pl_mc.alert import AlertLimits
+from pl_mc.arrays import FloatArray
 from pl_mc.faults import Faults
 from pl_mc.geometry.record import Geometry
 from pl_mc.integrity_risk.k_factor.error_to_level_ratio import EXCEEDED, MISLEADING, ratio_state
 from pl_mc.integrity_risk.k_factor.from_curve import from_curve
-from pl_mc.integrity_risk.k_factor.order_statistics import order_bounds
-from pl_mc.integrity_risk.k_factor.record import COUNTING, RARE
+from pl_mc.integrity_risk.k_factor.multiplier import COUNTING, NO_CHECK, RARE, order_bounds
 from pl_mc.integrity_risk.tuning.objective import ALARMS, VPL, Draws, TuningProblem, cost, weighted_quantile
 from pl_mc.methods import Igg3
-from pl_mc.statistics.intervals import clopper_pearson
-
-FloatArray = NDArray[np.float64]
+from pl_mc.statistics.intervals import clopper_pearson, rate_columns
 
 SAMPLES = 200
 # Ratios that may come into a resampled quantile, for each rank.
 _TAIL_FACTOR, _TAIL_LEAST = 4, 200
-
-_NO_CHECK = {"check_probability": np.nan, "check_low": np.nan, "check_high": np.nan}
 
 
 @dataclass(frozen=True)
@@ -52,25 +48,16 @@ class Judged:
 
 
 def counted_limits(
-    problem: TuningProblem,
-    limits: FloatArray,
-    fresh: FloatArray,
-    last: FloatArray,
-    weights: NDArray[np.uint8],
-    faults: Faults,
-    confidence: float,
-) -> Judged:
-    """Limits at the order statistic that keeps the target.
+    problem: TuningProblem, limits: FloatArray, fresh: FloatArray, last: FloatArray, weights: NDArray[np.uint8],
+    faults: Faults, confidence: float,
+) -> Judged:  # fmt: skip
+    """Limits (k0, k1) at the order statistic that keeps the target.
 
-    Args:
-        problem: with the faults.
-        limits: (2,), k0 and k1.
-        fresh: (N, n), whitened noise for multiplier and price; last: (N, n), for the risk at that multiplier.
-        weights: (SAMPLES, N), how often each draw of the former is in a resample.
-        faults: for their names.
-        confidence: of the bounds.
+    ``fresh`` and ``last`` are whitened noise (N, n), for multiplier and price and for the risk at that multiplier;
+    ``weights`` (SAMPLES, N) say how often each draw of the former is in a resample.
     """
     drawn = problem.draws(limits, fresh)
+    unit = drawn.log_unit_m
     rank, low_rank = order_bounds(len(fresh), problem.target, confidence)
     tail = min(_TAIL_FACTOR * rank + _TAIL_LEAST, len(fresh))
     largest = [np.argsort(-row, kind="stable")[:tail] for row in drawn.log_ratio]
@@ -81,113 +68,67 @@ def counted_limits(
             float(np.exp(row[order[min(at, tail - 1)]]))
             for row, order, at in zip(drawn.log_ratio, largest, ranks, strict=True)
         )
-        resampled[sample] = price(problem, again, drawn.log_unit_m, weight)
-    middle = max(1, round(len(fresh) * problem.target))
-    k = multiplier(drawn, problem.target, confidence)
-    ratios = problem.draws(limits, last).log_ratio
-    events = (ratios > np.log(k)).sum(axis=1)
+        resampled[sample] = price(problem, again, unit, weight)
+    k = k_factor(drawn, problem.target, confidence)
+    best = ranked(drawn.log_ratio, max(1, round(len(fresh) * problem.target)))
+    k_low = ranked(drawn.log_ratio, low_rank) if low_rank <= len(fresh) else 0.0
+    events = (problem.draws(limits, last).log_ratio > np.log(k)).sum(axis=1)
     worst = int(events.argmax())
     low, high = clopper_pearson(int(events[worst]), len(last), confidence)
-    columns = {
-        "k_vertical": k,
-        "k_best": ranked(drawn.log_ratio, middle),
-        "k_low": ranked(drawn.log_ratio, low_rank) if low_rank <= len(fresh) else 0.0,
-        "found": COUNTING,
-        **_prices(problem, k, drawn.log_unit_m, confidence),
-        "risk": events[worst] / len(last),
-        "risk_low": float(low),
-        "risk_high": float(high),
-        "risk_fault": faults.labels[worst],
-        **_NO_CHECK,
-    }
-    return Judged(price(problem, k, drawn.log_unit_m), resampled, columns)
+    risk = (events[worst] / len(last), float(low), float(high))
+    columns = _columns(problem, (k, best, k_low), COUNTING, unit, confidence, risk, faults.labels[worst])
+    return Judged(price(problem, k, unit), resampled, columns | NO_CHECK)
 
 
 def estimated_limits(
-    g: Geometry,
-    problem: TuningProblem,
-    limits: FloatArray,
-    fresh: FloatArray,
-    weights: NDArray[np.uint8],
-    faults: Faults,
-    confidence: float,
-    *,
-    record: Igg3,
-    alert: AlertLimits,
-    seed: int,
-    target_cov: float,
+    g: Geometry, problem: TuningProblem, limits: FloatArray, fresh: FloatArray, weights: NDArray[np.uint8],
+    faults: Faults, confidence: float, *, record: Igg3, alert: AlertLimits, seed: int, target_cov: float,
     max_evaluations: int,
-) -> Judged:
-    """Limits at the upper bound of the multiplier that the curve of each fault gives.
+) -> Judged:  # fmt: skip
+    """Limits at the upper bound of the multiplier that the curve of each fault gives; else as `counted_limits`.
 
-    Args:
-        g: one epoch.
-        problem, limits, weights, faults, confidence: as for `counted_limits`.
-        fresh: (N, n), whitened noise for the price.
-        record: the estimate, whose limits are of no account.
-        alert: alert limits.
-        seed, target_cov, max_evaluations: of the curves and their checks, for each fault.
+    ``fresh`` is for the price alone, ``record`` the estimate, whose limits are of no account; the last three are
+    those of the curves and their checks, for each fault.
     """
     k0, k1 = (float(value) for value in limits)
     method = replace(record, k0=k0, k1=k1)
     event = MISLEADING if problem.misleading else EXCEEDED
     found = [
         from_curve(
-            ratio_state(g, Faults(faults.bias_m[[k]], faults.names, (label,)), method, event, alert),
-            target=problem.target,
-            confidence=confidence,
-            key=(seed, int(g.epoch)),
-            name="/".join(("tuned", method.name, event, label)),
-            target_cov=target_cov,
+            ratio_state(g, faults.only(k), method, event, alert), target=problem.target, confidence=confidence,
+            key=(seed, int(g.epoch)), name="/".join(("tuned", method.name, event, label)), target_cov=target_cov,
             most_evaluations=max_evaluations,
         )
         for k, label in enumerate(faults.labels)
-    ]
+    ]  # fmt: skip
     rows = [one.found for one in found]
-    unit = replace(problem, bias_m=np.zeros((1, len(problem.sigma_m)))).draws(limits, fresh).log_unit_m
     notes = [f"{label}: {row.warning}" for label, row in zip(faults.labels, rows, strict=True) if row.warning]
-    known = all(np.isfinite([row.k, row.high]).all() for row in rows)
-    worst = int(np.argmax([row.high for row in rows])) if known else 0
-    row = rows[worst]
-    k = row.high if known else np.nan
-    columns = {
-        "k_vertical": k,
-        "k_best": max(one.k for one in rows) if known else np.nan,
-        "k_low": max(one.low for one in rows) if known else np.nan,
-        "found": RARE,
-        **_prices(problem, k, unit, confidence),
-        "risk": row.probability if known else np.nan,
-        "risk_low": row.probability_low if known else 0.0,
-        "risk_high": row.probability_high if known else 1.0,
-        "risk_fault": faults.labels[worst] if known else "",
-        **{name: getattr(row, name) if known else np.nan for name in _NO_CHECK},
-    }
-    if not known:
-        return Judged(np.nan, np.full(len(weights), np.nan), columns, "; ".join(notes) or "no multiplier is known")
+    if not np.isfinite([(row.k, row.high) for row in rows]).all():
+        return unknown_limits("; ".join(notes) or "no multiplier is known", draws=len(fresh))
+    worst = int(np.argmax([row.high for row in rows]))
+    row, k = rows[worst], rows[worst].high
+    unit = replace(problem, bias_m=np.zeros((1, len(problem.sigma_m)))).draws(limits, fresh).log_unit_m
+    k_all = (k, max(row.k for row in rows), max(row.low for row in rows))
+    risk = (row.probability, row.probability_low, row.probability_high)
+    columns = _columns(problem, k_all, RARE, unit, confidence, risk, faults.labels[worst]) | row.check
     reach = stats.t.ppf(confidence, found[worst].curve.populations - 1)
     spread = np.log(row.high / max(row.low, 1e-300)) / 2.0 / reach
     # Errors of the multiplier, other ones for other limits.
-    shifts = np.random.default_rng(
-        (seed, 2, *np.asarray(limits, dtype=float).view(np.uint32).tolist())
-    ).standard_normal(len(weights))
-    resampled = np.array(
-        [
-            price(problem, k * float(np.exp(spread * shift)), unit, weight)
-            for shift, weight in zip(shifts, weights, strict=True)
-        ]
-    )
+    key = (seed, 2, *np.asarray(limits, dtype=float).view(np.uint32).tolist())
+    factors = [float(np.exp(spread * shift)) for shift in np.random.default_rng(key).standard_normal(len(weights))]
+    resampled = np.array([price(problem, k * by, unit, own) for by, own in zip(factors, weights, strict=True)])
     return Judged(price(problem, k, unit), resampled, columns, "; ".join(notes))
 
 
-def unknown_limits(reason: str) -> Judged:
-    """Limits of which nothing is said but why."""
-    names = ("k_vertical", "k_best", "k_low", "vpl_m", "alarm_rate", "alarm_low", "alarm_high", "risk")
-    columns: dict[str, Any] = dict.fromkeys(names, np.nan) | _NO_CHECK
-    columns |= {"found": RARE, "alarms": 0, "draws": 0, "risk_low": 0.0, "risk_high": 1.0, "risk_fault": ""}
+def unknown_limits(reason: str, draws: int = 0) -> Judged:
+    """Limits of which nothing is said but why, and of how many fault-free draws."""
+    columns: dict[str, Any] = dict.fromkeys(("k_vertical", "k_best", "k_low"), np.nan) | {"found": RARE}
+    columns |= dict.fromkeys(("vpl_m", "alarm_rate", "alarm_low", "alarm_high"), np.nan) | {"alarms": 0}
+    columns |= {"draws": draws, "risk": np.nan, "risk_low": 0.0, "risk_high": 1.0, "risk_fault": ""} | NO_CHECK
     return Judged(np.nan, np.full(SAMPLES, np.nan), columns, reason)
 
 
-def multiplier(drawn: Draws, target: float, confidence: float) -> float:
+def k_factor(drawn: Draws, target: float, confidence: float) -> float:
     """The order statistic that keeps the target with the confidence; of weighted draws a quantile."""
     if drawn.weight is not None:
         pairs = zip(drawn.log_ratio, drawn.weight, strict=True)
@@ -211,18 +152,20 @@ def price(
     return float(np.average(each[known], weights=None if weight is None else weight[known]))
 
 
-def _prices(problem: TuningProblem, k: float, log_unit_m: FloatArray, confidence: float) -> dict[str, Any]:
-    """Mean level and alarms, fault-free, whichever of them is the objective."""
-    if np.isnan(k):
-        names = ("vpl_m", "alarm_rate", "alarm_low", "alarm_high")
-        return dict.fromkeys(names, np.nan) | {"alarms": 0, "draws": len(log_unit_m)}
-    alarms = int(cost(ALARMS, k, log_unit_m, problem.vertical_m).sum())
+def _columns(
+    problem: TuningProblem, k: tuple[float, float, float], found: str, log_unit_m: FloatArray, confidence: float,
+    risk: tuple[float, float, float], fault: str,
+) -> dict[str, Any]:  # fmt: skip
+    """Multipliers, then mean level and alarms, fault-free, whichever of them is the objective, and the risk."""
+    alarms = int(cost(ALARMS, k[0], log_unit_m, problem.vertical_m).sum())
     low, high = clopper_pearson(alarms, len(log_unit_m), confidence)
     return {
-        "vpl_m": float(np.nanmean(cost(VPL, k, log_unit_m, problem.vertical_m))),
+        **dict(zip(("k_vertical", "k_best", "k_low"), k, strict=True)),
+        "found": found,
+        "vpl_m": float(np.nanmean(cost(VPL, k[0], log_unit_m, problem.vertical_m))),
         "alarms": alarms,
         "draws": len(log_unit_m),
-        "alarm_rate": alarms / len(log_unit_m),
-        "alarm_low": float(low),
-        "alarm_high": float(high),
+        **rate_columns("alarm", alarms / len(log_unit_m), float(low), float(high)),
+        **dict(zip(("risk", "risk_low", "risk_high"), risk, strict=True)),
+        "risk_fault": fault,
     }

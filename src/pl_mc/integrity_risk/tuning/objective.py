@@ -21,15 +21,13 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 from jax import Array
-from numpy.typing import NDArray
 from scipy import optimize, special
 
+from pl_mc.arrays import FloatArray
 from pl_mc.integrity_risk.k_factor.error_to_level_ratio import ratio_of
 from pl_mc.kernels import Igg3Weight, IrlsOptions, irls, linear_model, protection_levels, start_from
 from pl_mc.methods.base import outcome_of
 from pl_mc.runtime.precision import precision_scope
-
-FloatArray = NDArray[np.float64]
 
 # Design (n, t) [m/m], sigma (n,) [m], bias (n,) [m], whitened noise (N, n), vertical alert limit [m], whether the
 # event is the misleading one.
@@ -169,7 +167,7 @@ class TuningProblem:
     def _binding(self, drawn: Draws) -> tuple[int, float, FloatArray]:
         """The fault with the largest multiplier, its logarithm, and the weighted steepness of its draws (N,)."""
         weights = [None] * len(drawn.log_ratio) if drawn.weight is None else list(drawn.weight)
-        roots = [self._log_multiplier(row, own) for row, own in zip(drawn.log_ratio, weights, strict=True)]
+        roots = [self._log_k_factor(row, own) for row, own in zip(drawn.log_ratio, weights, strict=True)]
         worst = int(np.argmax(roots))
         log_k = roots[worst]
         steep = _steepness((drawn.log_ratio[worst] - log_k) / self.step)
@@ -177,7 +175,7 @@ class TuningProblem:
         # In units of the largest, lest a square be too small for a double.
         return worst, log_k, steep if own is None else steep * (own / own.max())
 
-    def _log_multiplier(self, log_ratio: FloatArray, weight: FloatArray | None = None) -> float:
+    def _log_k_factor(self, log_ratio: FloatArray, weight: FloatArray | None = None) -> float:
         """Where the smoothed share of the draws is the target."""
 
         def surplus(log_k: float) -> float:
@@ -230,11 +228,7 @@ def _limited(k0: Array, k1: Array) -> Igg3Weight:
     return weight
 
 
-def _logs(
-    limits: Array,
-    scenario: Scenario,
-    options: IrlsOptions,
-) -> Array:
+def _logs(limits: Array, scenario: Scenario, options: IrlsOptions) -> Array:
     """(2, N), logarithms of the ratio and of the level for a multiplier of one."""
     design, sigma_m, bias_m, noise, vertical_m, misleading = scenario
     model = linear_model(design, sigma_m)
@@ -263,24 +257,13 @@ def _logs(
 
 
 @functools.partial(jax.jit, static_argnames=("options",))
-def _values(
-    limits: Array,
-    scenario: Scenario,
-    *,
-    options: IrlsOptions,
-) -> Array:
+def _values(limits: Array, scenario: Scenario, *, options: IrlsOptions) -> Array:
     """(2, N), see `_logs`."""
     return _logs(limits, scenario, options)
 
 
 @functools.partial(jax.jit, static_argnames=("options",))
-def _with_slope(
-    limits: Array,
-    direction: Array,
-    scenario: Scenario,
-    *,
-    options: IrlsOptions,
-) -> Array:
+def _with_slope(limits: Array, direction: Array, scenario: Scenario, *, options: IrlsOptions) -> Array:
     """(2, 2, N), the same with the derivative along a direction of (k0, k1)."""
 
     def logs(limits: Array) -> Array:

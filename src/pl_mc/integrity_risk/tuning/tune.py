@@ -11,7 +11,7 @@ smoothing, beside where it started and beside the best of a plain grid over the 
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from typing import Any, Literal
 
 import numpy as np
@@ -20,12 +20,19 @@ from numpy.typing import NDArray
 from scipy import optimize
 
 from pl_mc.alert import LPV_200, AlertLimits
-from pl_mc.engine.checks import LARGEST_DRAWS, LARGEST_SEED, require_geometry_and_alert, require_inputs
+from pl_mc.arrays import FloatArray
+from pl_mc.engine.checks import (
+    LARGEST_DRAWS,
+    LARGEST_SEED,
+    require_geometry_and_alert,
+    require_inputs,
+    require_single,
+)
 from pl_mc.faults import Faults, no_fault
 from pl_mc.geometry.record import Geometry
-from pl_mc.input_errors import InputError, require_choice, require_positive, require_whole
+from pl_mc.input_errors import InputError, require_choice, require_fraction, require_positive, require_whole
 from pl_mc.integrity_risk.k_factor.error_to_level_ratio import EVENTS, MISLEADING
-from pl_mc.integrity_risk.k_factor.order_statistics import fewest_draws
+from pl_mc.integrity_risk.k_factor.multiplier import fewest_draws
 from pl_mc.integrity_risk.rare.risk import FEWEST_EVALUATIONS
 from pl_mc.integrity_risk.tuning.draws import weighted_noise
 from pl_mc.integrity_risk.tuning.judge import (
@@ -33,16 +40,13 @@ from pl_mc.integrity_risk.tuning.judge import (
     Judged,
     counted_limits,
     estimated_limits,
-    multiplier,
+    k_factor,
     price,
     unknown_limits,
 )
 from pl_mc.integrity_risk.tuning.objective import OBJECTIVES, TuningProblem, WeightedNoise
-from pl_mc.integrity_risk.worst.ls_exact import require_single
 from pl_mc.methods import Igg3, Method, as_methods
 from pl_mc.statistics.least_squares import ls_quantities
-
-FloatArray = NDArray[np.float64]
 
 PARAMETERS = ("k0", "k1", "k_vertical")
 START, TUNED, GRID = "start", "tuned", "grid"
@@ -130,9 +134,8 @@ def tune(
     named = [parameters] if isinstance(parameters, str) else list(parameters)
     for name in named:
         require_choice(name, PARAMETERS, field="parameters")
-    for field, value in (("target", target), ("confidence", confidence)):
-        if not require_positive(value, field=field) < 1.0:
-            raise InputError(f"{field}: it lies between 0 and 1, both excluded, not {value!r}.")
+    require_fraction(target, field="target")
+    require_fraction(confidence, field="confidence")
     require_positive(smoothing, field="smoothing")
     draws = require_whole(draws, field="draws", low=1, high=LARGEST_DRAWS)
     counts = draws >= max(int(np.ceil(_FEWEST_EVENTS / target)), fewest_draws(target, confidence))
@@ -163,15 +166,14 @@ def tune(
     noises = [np.random.default_rng(s) for s in np.random.SeedSequence(seed).spawn(4)]
     search, fresh, last = (rng.standard_normal((draws, len(g.names))) for rng in noises[:3])
     start = np.array([record.k0, record.k1])
-    free = np.array(["k0" in named, "k1" in named])
-    note, looked = "", 0
-    if (counts and search_draws is None) or not free.any():
-        tuned, evaluations, note = _descend(problem, start, free, search, steps, (start, *map(np.array, _STARTS)))
+    room = _Room(start, np.array(["k0" in named, "k1" in named]))
+    if (counts and search_draws is None) or not room.free.any():
+        tuned, evaluations, note = _descend(problem, room, search, steps, (start, *map(np.array, _STARTS)))
         seen: FloatArray | WeightedNoise = search
         effective = np.inf
     else:
         tuned, evaluations, note, seen, effective = _descend_weighted(
-            problem, start, free, noises[0], steps, search_draws or _WEIGHTED_DRAWS
+            problem, room, noises[0], steps, search_draws or _WEIGHTED_DRAWS
         )
     weights = np.stack([noises[3].poisson(1.0, draws).astype(np.uint8) for _ in range(SAMPLES)])
 
@@ -183,18 +185,19 @@ def tune(
             target_cov=target_cov, max_evaluations=max_evaluations,
         )  # fmt: skip
 
-    rows: list[tuple[str, FloatArray, Judged, int, str]] = [(START, start, judged(start), 0, "")]
-    if effective < _LEAST_EFFECTIVE:
-        doubt = f"the weighted draws of the search degenerate: {effective:.0f} effective ones are behind the risk"
-        rows.append((TUNED, tuned, unknown_limits(doubt), evaluations, note))
-    else:
-        same = bool((tuned == start).all())
-        rows.append((TUNED, tuned, rows[0][2] if same else judged(tuned), evaluations, note))
+    first = judged(start)
+
+    def beside(limits: FloatArray) -> Judged:
+        return first if (limits == start).all() else judged(limits)
+
+    rows = [_row(START, start, first, 0, "", first=first)]
+    doubt = f"the weighted draws of the search degenerate: {effective:.0f} effective ones are behind the risk"
+    found = unknown_limits(doubt) if effective < _LEAST_EFFECTIVE else beside(tuned)
+    rows.append(_row(TUNED, tuned, found, evaluations, note, first=first))
     if grid:
-        best, looked = _best_of_grid(problem, start, free, seen, grid, confidence)
-        same = bool((best == start).all())
-        rows.append((GRID, best, rows[0][2] if same else judged(best), looked, ""))
-    table = pd.DataFrame([_row(*row, first=rows[0][2]) for row in rows])
+        best, looked = _best_of_grid(problem, room, seen, grid, confidence)
+        rows.append(_row(GRID, best, beside(best), looked, "", first=first))
+    table = pd.DataFrame(rows)
     k0, k1 = (float(value) for value in tuned)
     k = float(table["k_vertical"].iloc[1])
     table.attrs["method"] = replace(record, k0=k0, k1=k1, k_vertical=k) if k > 0 else None
@@ -220,65 +223,90 @@ def _row(
     }
 
 
+@dataclass(frozen=True)
+class _Room:
+    """Which limits may move, and the logarithms that they move in: of k0, and of k1 or its distance from a free k0.
+
+    Attributes:
+        start: (2,), limits, where what is not free stays.
+        free: (2,), whether k0 and k1 may move.
+    """
+
+    start: FloatArray
+    free: NDArray[np.bool_]
+
+    @property
+    def bounds(self) -> tuple[FloatArray, FloatArray]:
+        """Of the coordinates; k0 stays below a k1 that does not move."""
+        low, high = _LOWEST.copy(), _HIGHEST.copy()
+        if not self.free[1]:
+            high[0] = min(high[0], 0.95 * self.start[1])
+            low[0] = min(low[0], 0.5 * high[0])
+        return np.log(low)[self.free], np.log(high)[self.free]
+
+    def inside(self, limits: FloatArray) -> FloatArray:
+        """Coordinates of limits, the nearest within the bounds."""
+        k0, k1 = limits
+        return np.clip(np.log(np.array([k0, k1 - k0]))[self.free], *self.bounds)
+
+    def limits(self, coordinates: FloatArray) -> FloatArray:
+        """k0 and k1 of coordinates."""
+        values = iter(np.exp(coordinates))
+        k0 = float(next(values)) if self.free[0] else float(self.start[0])
+        return np.array([k0, k0 + float(next(values)) if self.free[1] else float(self.start[1])])
+
+    def chain(self, limits: FloatArray, slope: FloatArray) -> FloatArray:
+        """The gradient by the coordinates."""
+        k0, k1 = limits
+        by_k0 = k0 * (slope[0] + (slope[1] if self.free[1] else 0.0))
+        return np.array([by_k0, (k1 - k0) * slope[1]])[self.free]
+
+
 def _descend_weighted(
-    problem: TuningProblem,
-    start: FloatArray,
-    free: NDArray[np.bool_],
-    rng: np.random.Generator,
-    steps: int,
-    draws: int,
+    problem: TuningProblem, room: _Room, rng: np.random.Generator, steps: int, draws: int
 ) -> tuple[FloatArray, int, str, WeightedNoise, float]:
     """The descent over weighted draws, once from every start and once more from where it ended.
 
     Returns:
         Limits, scenarios, a note, the last draws, and how many of them are effective behind the multiplier there.
     """
-    low, high = _bounds(start, free)
-    others = [np.clip(_coordinates(np.array(first), free), low, high) for first in _STARTS]
-    starts = [start, *(_limits(place, start, free) for place in others)]
+    starts = [room.start, *(room.limits(room.inside(np.array(first))) for first in _STARTS)]
     noise, proposals, spent = weighted_noise(problem, starts, rng, draws)
-    tuned, evaluations, _ = _descend(problem, start, free, noise, steps, starts)
+    tuned, evaluations, _ = _descend(problem, room, noise, steps, starts)
     # Where the search ended nothing was adapted yet.
     noise, _, more = weighted_noise(problem, [tuned], rng, draws, proposals)
-    tuned, again, note = _descend(problem, start, free, noise, steps, [tuned])
+    tuned, again, note = _descend(problem, room, noise, steps, [tuned])
     effective = problem.effective(tuned, noise)
     return tuned, spent + evaluations + more + again, note, noise, effective
 
 
 def _descend(
-    problem: TuningProblem,
-    start: FloatArray,
-    free: NDArray[np.bool_],
-    noise: FloatArray | WeightedNoise,
-    steps: int,
-    starts: Sequence[FloatArray],
+    problem: TuningProblem, room: _Room, noise: FloatArray | WeightedNoise, steps: int, starts: Sequence[FloatArray]
 ) -> tuple[FloatArray, int, str]:
     """Limits at which the smoothed objective is least, of descents from ``starts``; what that cost, and a note."""
-    if not free.any():
-        return start, 0, ""
+    if not room.free.any():
+        return room.start, 0, ""
     calls = 0
 
     def value(coordinates: FloatArray) -> tuple[float, FloatArray]:
         nonlocal calls
         calls += 1
-        limits = _limits(coordinates, start, free)
+        limits = room.limits(coordinates)
         price, slope, _ = problem.smooth(limits, noise)
-        return price, _chain(limits, slope, free)
+        return price, room.chain(limits, slope)
 
-    low, high = _bounds(start, free)
+    low, high = room.bounds
+    bounds, options = list(zip(low, high, strict=True)), {"maxiter": steps, "ftol": 1e-7}
     runs = [
-        optimize.minimize(
-            value, np.clip(_coordinates(first, free), low, high), jac=True, method="L-BFGS-B",
-            bounds=list(zip(low, high, strict=True)), options={"maxiter": steps, "ftol": 1e-7},
-        )
-        for first in starts
-    ]  # fmt: skip
+        optimize.minimize(value, room.inside(one), jac=True, method="L-BFGS-B", bounds=bounds, options=options)
+        for one in starts
+    ]
     found = min(runs, key=lambda run: run.fun)
     at_bound = bool((np.isclose(found.x, low) | np.isclose(found.x, high)).any())
     notes = ["at a bound of the search"] if at_bound else []
     notes += [] if found.success else ["the steps ran out"]
     # Two derivatives, each with a value of its own, for every fault and the fault-free case.
-    return _limits(found.x, start, free), 4 * calls * _scenarios(problem, noise), "; ".join(notes)
+    return room.limits(found.x), 4 * calls * _scenarios(problem, noise), "; ".join(notes)
 
 
 def _scenarios(problem: TuningProblem, noise: FloatArray | WeightedNoise) -> int:
@@ -289,53 +317,15 @@ def _scenarios(problem: TuningProblem, noise: FloatArray | WeightedNoise) -> int
 
 
 def _best_of_grid(
-    problem: TuningProblem,
-    start: FloatArray,
-    free: NDArray[np.bool_],
-    noise: FloatArray | WeightedNoise,
-    grid: int,
-    confidence: float,
+    problem: TuningProblem, room: _Room, noise: FloatArray | WeightedNoise, grid: int, confidence: float
 ) -> tuple[FloatArray, int]:
     """The best limits of a grid, judged as they are on the noise of the search, and what that cost."""
-    if not free.any():
-        return start, 0
-    low, high = _bounds(start, free)
-    axes = [np.linspace(a, b, grid) for a, b in zip(low, high, strict=True)]
-    points = [
-        _limits(np.array(point), start, free) for point in np.stack(np.meshgrid(*axes), -1).reshape(-1, len(axes))
-    ]
+    if not room.free.any():
+        return room.start, 0
+    axes = [np.linspace(a, b, grid) for a, b in zip(*room.bounds, strict=True)]
+    points = [room.limits(point) for point in np.stack(np.meshgrid(*axes), -1).reshape(-1, len(axes))]
     prices: list[float] = []
     for limits in points:
         drawn = problem.draws(limits, noise)
-        prices.append(price(problem, multiplier(drawn, problem.target, confidence), drawn.log_unit_m))
+        prices.append(price(problem, k_factor(drawn, problem.target, confidence), drawn.log_unit_m))
     return points[int(np.argmin(prices))], len(points) * _scenarios(problem, noise)
-
-
-def _coordinates(limits: FloatArray, free: NDArray[np.bool_]) -> FloatArray:
-    """Logarithms of what is free: k0, and k1 or its distance from a free k0."""
-    k0, k1 = limits
-    return np.log(np.array([k0, k1 - k0]))[free]
-
-
-def _limits(coordinates: FloatArray, start: FloatArray, free: NDArray[np.bool_]) -> FloatArray:
-    """k0 and k1 of coordinates; a k1 that is not free stays where it is."""
-    values = iter(np.exp(coordinates))
-    k0 = float(next(values)) if free[0] else float(start[0])
-    k1 = k0 + float(next(values)) if free[1] else float(start[1])
-    return np.array([k0, k1])
-
-
-def _chain(limits: FloatArray, slope: FloatArray, free: NDArray[np.bool_]) -> FloatArray:
-    """The gradient by the coordinates."""
-    k0, k1 = limits
-    by_k0 = k0 * (slope[0] + (slope[1] if free[1] else 0.0))
-    return np.array([by_k0, (k1 - k0) * slope[1]])[free]
-
-
-def _bounds(start: FloatArray, free: NDArray[np.bool_]) -> tuple[FloatArray, FloatArray]:
-    """Of the coordinates; k0 stays below a k1 that does not move."""
-    low, high = _LOWEST.copy(), _HIGHEST.copy()
-    if not free[1]:
-        high[0] = min(high[0], 0.95 * start[1])
-        low[0] = min(low[0], 0.5 * high[0])
-    return np.log(low)[free], np.log(high)[free]

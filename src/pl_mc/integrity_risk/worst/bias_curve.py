@@ -18,17 +18,15 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
 from pl_mc.alert import AlertLimits
+from pl_mc.arrays import FloatArray
 from pl_mc.geometry.record import Geometry
 from pl_mc.integrity_risk.rare.importance import tempered
-from pl_mc.integrity_risk.rare.limit_state import LimitState, rotation
+from pl_mc.integrity_risk.rare.limit_state import LimitState
 from pl_mc.integrity_risk.rare.mixture import Mixture, fit, join, normal
 from pl_mc.integrity_risk.rare.subset import climb, rejuvenate
 from pl_mc.methods import Method
-
-FloatArray = NDArray[np.float64]
 
 # Sizes from which the event is explored; a fault and its negative are equally bad.
 SIZES_M = np.array(
@@ -68,11 +66,8 @@ class Region:
     @classmethod
     def of(cls, g: Geometry, method: Method, event: str, alert: AlertLimits) -> Region:
         """Of an epoch with redundancy."""
-        n = len(g.names)
-        design, sigma, seen = np.asarray(g.design), np.asarray(g.sigma_m), np.ones(n, dtype=bool)
-        turned = rotation(design, sigma, seen, np.zeros(n))
-        limit = LimitState(design, sigma, seen, np.zeros(n), method, event, alert.vertical_m, turned)
-        return cls(limit, turned.matrix[:, : turned.active] / sigma[:, None])
+        limit = LimitState.of(g.as_series(), 0, np.zeros(len(g.names)), method, event, alert)
+        return cls(limit, limit.coordinates.matrix[:, : limit.active] / limit.sigma_m[:, None])
 
     def shifted(self, trace: FloatArray) -> Shifted:
         """The limit state of the noise under a fault, by its trace (active,)."""
@@ -93,6 +88,14 @@ class Shifted:
 
     limit: LimitState
     centre: FloatArray
+
+    @property
+    def active(self) -> int:
+        return self.limit.active
+
+    @property
+    def dimension(self) -> int:
+        return self.limit.dimension
 
     def __call__(self, points: FloatArray) -> FloatArray:
         """(N,), of noise (N, dimension)."""
@@ -117,16 +120,7 @@ class Explored:
 def explore(region: Region, trace: FloatArray, rng: np.random.Generator) -> Explored:
     """One population under the fault with this trace (active,)."""
     active = region.limit.active
-    run = climb(
-        region.shifted(trace),
-        rng,
-        size=_POINTS,
-        dimension=region.limit.dimension,
-        active=active,
-        noise=_NOISE,
-        moves=_MOVES,
-        most_evaluations=_MOST,
-    )
+    run = climb(region.shifted(trace), rng, size=_POINTS, noise=_NOISE, moves=_MOVES, most_evaluations=_MOST)
     # In any order: neighbours may be copies of each other.
     points = rng.permutation(run.points[:, :active] + trace)
     return Explored(points, run.log_probability if run.reached else -np.inf, run.evaluations)
@@ -189,7 +183,7 @@ class _Sample:
 
 
 @dataclass
-class SizeCurve:
+class BiasCurve:
     """The probability against the size on one satellite, from samples of which each size takes the best for it.
 
     Attributes:
@@ -248,20 +242,13 @@ class SizeCurve:
 
 def coarse_curve(
     region: Region, found: Sequence[Explored], shared: Shared, trace: FloatArray, rng: np.random.Generator
-) -> SizeCurve:
-    """The curve of one satellite over all sizes.
+) -> BiasCurve:
+    """The curve of one satellite over all sizes, from its populations, one for each of `SIZES_M`, and all points.
 
     The first sample starts from the populations, the others from those before as well, for the sizes that these
-    could not tell.
-
-    Args:
-        region: the event.
-        found: the populations of this satellite, one for each of `SIZES_M`.
-        shared: the points of all.
-        trace: (active,), of 1 m.
-        rng: random numbers of this curve.
+    could not tell. ``trace`` (active,) is that of 1 m.
     """
-    curve = SizeCurve(trace, [])
+    curve = BiasCurve(trace, [])
     for draws, least in _ROUNDS:
         sizes = curve.open_sizes(found, least)
         if not sizes.size:
@@ -278,11 +265,11 @@ def coarse_curve(
 
 
 def finer_curve(
-    region: Region, coarse: SizeCurve, low_m: float, high_m: float, rng: np.random.Generator
-) -> SizeCurve:
+    region: Region, coarse: BiasCurve, low_m: float, high_m: float, rng: np.random.Generator
+) -> BiasCurve:
     """The curve between two sizes, from points of the coarse one and, once more, from its own."""
     sizes = np.linspace(low_m, high_m, _FINE)
-    curve = SizeCurve(coarse.trace, [])
+    curve = BiasCurve(coarse.trace, [])
     for draws in _FINE_DRAWS:
         source = curve if curve.samples else coarse
         parts = []
@@ -295,7 +282,7 @@ def finer_curve(
 
 
 def _within(
-    region: Region, inner: FloatArray, trace: FloatArray, rng: np.random.Generator, curve: SizeCurve
+    region: Region, inner: FloatArray, trace: FloatArray, rng: np.random.Generator, curve: BiasCurve
 ) -> FloatArray:
     """Points of the event (N, active), moved within it as the noise under the fault is distributed there."""
     if not len(inner):

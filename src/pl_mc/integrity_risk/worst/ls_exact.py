@@ -19,16 +19,16 @@ from numpy.typing import ArrayLike, NDArray
 from scipy import special
 
 from pl_mc.alert import AlertLimits
+from pl_mc.arrays import FloatArray
 from pl_mc.geometry.record import Geometry
-from pl_mc.input_errors import InputError, require_choice
+from pl_mc.input_errors import require_choice
 from pl_mc.kernels.linear_model import REDUNDANCY_FLOOR
-from pl_mc.methods import Ls
-from pl_mc.statistics.exact import CHI2_ALARM, PL_ALARM
+from pl_mc.methods import Method
+from pl_mc.methods.capabilities import exact_law, refusal
+from pl_mc.statistics.exact import CHI2_ALARM, PL_ALARM, LeastSquaresLaw
 from pl_mc.statistics.least_squares import ls_quantities
 from pl_mc.statistics.noncentral import joint_exceedance, split_at_threshold
 from pl_mc.statistics.student import chi2_threshold
-
-FloatArray = NDArray[np.float64]
 
 MISSED, MISLEADING = "missed", "misleading"
 EVENTS = (MISSED, MISLEADING)
@@ -78,6 +78,10 @@ class LsEpoch:
         residual = whitened - (whitened @ self.basis) @ self.basis.T
         return whitened @ self.sensitivity, np.sqrt((residual**2).sum(axis=-1))
 
+    def hazard(self, shift: FloatArray) -> FloatArray:
+        """P(|vertical error| > VAL) for mean errors in its standard deviations."""
+        return special.ndtr(shift - self.limit) + special.ndtr(-shift - self.limit)
+
 
 @dataclass(frozen=True)
 class Direction:
@@ -93,22 +97,14 @@ class Direction:
     bias_m: FloatArray
 
 
-def ls_epoch(g: Geometry, method: Ls, *, alarm: str, p_fa: float, alert: AlertLimits) -> LsEpoch:
-    """The quantities of a single epoch.
-
-    Args:
-        g: one epoch.
-        method: least squares with its multiplier.
-        alarm: ``pl``, alarm when VPL > VAL; ``chi2``, alarm when V'PV exceeds its fault-free quantile at ``p_fa``.
-        p_fa: fault-free alarm probability of ``chi2``.
-        alert: alert limits; the vertical one is used.
-    """
+def ls_epoch(g: Geometry, law: LeastSquaresLaw, *, alarm: str, p_fa: float, alert: AlertLimits) -> LsEpoch:
+    """The quantities of a single epoch; ``alarm``, ``p_fa`` and ``alert`` as for `pl_mc.worst_case`."""
     require_choice(alarm, (PL_ALARM, CHI2_ALARM), field="alarm")
     quantities = ls_quantities(g)
     available, dof, vdop_m = bool(quantities.available), int(quantities.dof), float(quantities.vdop_m)
     threshold = np.nan
     if available and alarm == PL_ALARM:
-        threshold = dof * (alert.vertical_m / (method.k_vertical * vdop_m)) ** 2
+        threshold = dof * (alert.vertical_m / (law.k_vertical * vdop_m)) ** 2
     elif available:
         threshold = float(chi2_threshold(dof, p_fa))
     elif alarm == CHI2_ALARM:
@@ -121,7 +117,7 @@ def ls_epoch(g: Geometry, method: Ls, *, alarm: str, p_fa: float, alert: AlertLi
         basis=quantities.basis,
         dof=dof,
         threshold=threshold,
-        level_slope=method.k_vertical / np.sqrt(max(dof, 1)),
+        level_slope=law.k_vertical / np.sqrt(max(dof, 1)),
         limit=alert.vertical_m / vdop_m,
     )
 
@@ -130,11 +126,7 @@ def worst_direction(epoch: LsEpoch, directions: FloatArray) -> Direction:
     """The direction of largest slope among the faults ``directions @ c``.
 
     A direction that no residual shows counts as undetected where it moves the height, and is left out where it does
-    not, such as a common bias of all satellites that share a clock.
-
-    Args:
-        epoch: an available epoch.
-        directions: (n, k), columns that span the faults, in metres.
+    not, such as a common bias of all satellites that share a clock. The columns (n, k) span the faults [m].
     """
     whitened = directions / epoch.sigma_m[:, None]
     # Columns of one length, so that a small singular value means little redundancy and not a small unit.
@@ -158,18 +150,13 @@ def worst_direction(epoch: LsEpoch, directions: FloatArray) -> Direction:
 
 
 def event_probability(epoch: LsEpoch, event: str, shift: ArrayLike, root: ArrayLike) -> FloatArray:
-    """P(event) of faults with these mean errors and roots of the noncentrality (...), relative accuracy 1e-9.
+    """P(event) of faults (...) at an available epoch, relative accuracy 1e-9.
 
-    Args:
-        epoch: an available epoch.
-        event: ``missed``, |vertical error| > VAL and no alarm; ``misleading``, |vertical error| > VPL and no alarm.
-        shift: (...), mean vertical error in its standard deviations.
-        root: (...), root of the noncentrality of V'PV.
+    A fault is its mean vertical error ``shift``, in standard deviations, and the root of the noncentrality of V'PV.
     """
     shift, root = np.abs(shift), np.asarray(root, dtype=float)
     if event == MISSED:
-        hazard = special.ndtr(shift - epoch.limit) + special.ndtr(-shift - epoch.limit)
-        return hazard * quiet_probability(epoch, root)
+        return epoch.hazard(shift) * quiet_probability(epoch, root)
     return np.minimum(joint_exceedance(epoch.threshold, epoch.dof, root**2, epoch.level_slope, shift)[0], 1.0)
 
 
@@ -192,7 +179,7 @@ def upper_bound(epoch: LsEpoch, event: str, shift: ArrayLike, root: ArrayLike) -
     shift, root = np.abs(shift), np.asarray(root, dtype=float)
     quiet = special.ndtr(np.sqrt(epoch.threshold) - root)
     if event == MISSED:
-        return quiet * (special.ndtr(shift - epoch.limit) + special.ndtr(-shift - epoch.limit))
+        return quiet * epoch.hazard(shift)
     steep = epoch.level_slope
     length = np.hypot(1.0, steep)
     beyond = special.ndtr((shift - steep * root) / length) + special.ndtr((-shift - steep * root) / length)
@@ -205,48 +192,37 @@ def peaks(epoch: LsEpoch, event: str, slopes: ArrayLike) -> tuple[FloatArray, Fl
     A scan over all sizes at which the probability is not below the smallest double, then every peak of it that may
     be the highest is narrowed down. Both signs of a fault are equally likely to be missed. An infinite slope gives
     an infinite size and P(no alarm) without a fault, which the probability approaches.
-
-    Args:
-        epoch: an available epoch.
-        event: as for `event_probability`.
-        slopes: (m,), as of `Direction`.
     """
     slopes = np.atleast_1d(np.asarray(slopes, dtype=float))
     best_root, best = np.full(slopes.size, np.inf), np.full(slopes.size, float(quiet_probability(epoch, 0.0)))
     rows = np.flatnonzero(np.isfinite(slopes))
     if rows.size == 0:
         return best_root, best
-    scan = _scan_roots(epoch)
+    # From 0 to where an alarm is certain.
+    last = np.sqrt(epoch.threshold) + _REACH
+    steps = int(np.clip(_STEPS_PER_UNIT * last, _FEWEST_STEPS, _MOST_STEPS))
+    scan = np.linspace(0.0, last, steps + 1)
     values = _along(epoch, event, slopes[rows], np.broadcast_to(scan, (rows.size, scan.size)), shared=True)
     place, peak = _peaks_of(values)
     low, high = scan[np.maximum(peak - 1, 0)], scan[np.minimum(peak + 1, scan.size - 1)]
     found, top = _refine(epoch, event, slopes[rows][place], low, high)
     for k, row in enumerate(rows):
-        mine = np.flatnonzero(place == k)
-        first = mine[top[mine].argmax()]
+        own = np.flatnonzero(place == k)
+        first = own[top[own].argmax()]
         best_root[row], best[row] = found[first], top[first]
         if top[first] <= values[k, 0] * (1.0 + _FLAT):
             best_root[row], best[row] = 0.0, values[k, 0]
     return best_root, best
 
 
-def _scan_roots(epoch: LsEpoch) -> FloatArray:
-    """Roots of the noncentrality from 0 to where an alarm is certain."""
-    last = np.sqrt(epoch.threshold) + _REACH
-    steps = int(np.clip(_STEPS_PER_UNIT * last, _FEWEST_STEPS, _MOST_STEPS))
-    return np.linspace(0.0, last, steps + 1)
-
-
 def _along(
     epoch: LsEpoch, event: str, slopes: FloatArray, roots: FloatArray, *, shared: bool = False
 ) -> FloatArray:
     """The event's probability (m, points) at roots (m, points) along directions of these slopes (m,)."""
+    shift = slopes[:, None] * roots
     if event == MISSED and shared:
         # The same roots in every row: the integral is done once.
-        shift = slopes[:, None] * roots
-        hazard = special.ndtr(shift - epoch.limit) + special.ndtr(-shift - epoch.limit)
-        return hazard * quiet_probability(epoch, roots[0])
-    shift = slopes[:, None] * roots
+        return epoch.hazard(shift) * quiet_probability(epoch, roots[0])
     # Far beyond the alarm nothing is left to integrate.
     alive = upper_bound(epoch, event, shift, roots) > 0.0
     values = np.zeros(roots.shape)
@@ -284,7 +260,14 @@ def require_event(event: str) -> str:
     return require_choice(event, EVENTS, field="event")
 
 
-def require_single(g: Geometry, what: str) -> None:
-    """Raise `InputError` for a series of epochs."""
-    if g.is_series:
-        raise InputError(f"geometry: {what} is made for one epoch; choose one of the {len(g)}, such as g[0].")
+def law_with(alarm: str, method: Method, *, estimated: bool) -> LeastSquaresLaw | None:
+    """The exact law of a method; None where it has none, or estimates take its place.
+
+    Raises:
+        InputError: another alarm than that of the level, which only an exact law can have.
+    """
+    law = None if estimated else exact_law(method)
+    if law is None and alarm != PL_ALARM:
+        field = f"alarm: {alarm!r} is for exact laws, {PL_ALARM!r} for estimates too"
+        raise refusal(method, "exact_law", able=exact_law, field=field)
+    return law

@@ -17,24 +17,22 @@ from numpy.typing import NDArray
 from scipy import special
 
 from pl_mc.alert import AlertLimits
+from pl_mc.arrays import FloatArray
 from pl_mc.engine.checks import LARGEST_SEED
 from pl_mc.faults import Faults
 from pl_mc.geometry.record import Geometry
-from pl_mc.input_errors import InputError
 from pl_mc.integrity_risk.rare.limit_state import FAR_M, POINTS_PER_CALL, LimitState, all_axes, rotation
 from pl_mc.integrity_risk.rare.subset import climb
 from pl_mc.integrity_risk.worst.search import (
-    MOST_SATELLITES,
-    PAIR_RATIOS,
     Estimator,
+    Search,
     climb_faults,
-    estimates,
     fault_columns,
+    last_estimates,
+    scan_faults,
 )
 from pl_mc.methods import Method
 from pl_mc.statistics.intervals import clopper_pearson
-
-FloatArray = NDArray[np.float64]
 
 # Sizes of the larger bias that are screened: small ones make misleading information, large ones missed detections.
 _SIZES_M = np.array([2.5, 5.0, 10.0, 20.0, 40.0, 70.0, 100.0])
@@ -73,16 +71,8 @@ class Screen:
     def of(cls, g: Geometry, method: Method, event: str, alert: AlertLimits, rng: np.random.Generator) -> Screen:
         """Of an epoch with redundancy."""
         n = len(g.names)
-        limit = LimitState(
-            design=np.asarray(g.design),
-            sigma_m=np.asarray(g.sigma_m),
-            in_view=np.ones(n, dtype=bool),
-            bias_m=np.zeros(n),
-            method=method,
-            event=event,
-            vertical_m=alert.vertical_m,
-            coordinates=all_axes(np.ones(n, dtype=bool), 1),
-        )
+        axes = all_axes(np.ones(n, dtype=bool), 1)
+        limit = LimitState.of(g.as_series(), 0, np.zeros(n), method, event, alert, axes)
         return cls(limit, rng.standard_normal((POINTS_PER_CALL, n)), int(rng.integers(LARGEST_SEED)))
 
     def counted(self, bias_m: FloatArray) -> tuple[FloatArray, NDArray[np.int64]]:
@@ -100,15 +90,9 @@ class Screen:
         found = np.empty(len(bias_m))
         for k, bias in enumerate(bias_m):
             turned = rotation(self.limit.design, self.limit.sigma_m, self.limit.in_view, bias)
-            run = climb(
-                replace(self.limit, bias_m=bias, coordinates=turned),
-                np.random.default_rng(self.seed),
-                size=_POINTS,
-                dimension=turned.matrix.shape[1],
-                active=turned.active,
-                moves=_MOVES,
-                most_evaluations=_MOST,
-            )
+            limit = replace(self.limit, bias_m=bias, coordinates=turned)
+            rng = np.random.default_rng(self.seed)
+            run = climb(limit, rng, size=_POINTS, moves=_MOVES, most_evaluations=_MOST)
             self.evaluations += run.evaluations
             found[k] = run.log_probability + (0.0 if run.reached else _UNREACHED)
         return found
@@ -126,26 +110,12 @@ class Screen:
 
 
 def screened_table(
-    g: Geometry,
-    groups: Sequence[tuple[int, ...]],
-    guesses_m: FloatArray,
-    screen: Screen,
-    estimate: Estimator,
-    *,
-    target_cov: float,
-    refine: int,
-    seed: int,
+    g: Geometry, groups: Sequence[tuple[int, ...]], guesses_m: FloatArray, screen: Screen, search: Search
 ) -> pd.DataFrame:
-    """One row per satellite or pair; the columns are explained at `pl_mc.worst_case`.
+    """One row per satellite or pair, of an epoch with redundancy; columns are explained at `pl_mc.worst_case`.
 
-    Args:
-        g: one epoch with redundancy.
-        groups: rows of the satellites that fail together, one or two each.
-        guesses_m: (groups, n), for each a fault to look around at besides, what is worst for least squares; what is
-            not finite is left out [m].
-        screen: the quick looks.
-        estimate: of the last estimates.
-        target_cov, refine, seed: as for `pl_mc.worst_case`.
+    ``guesses_m`` (groups, n) are faults to look around at besides, what is worst for least squares; what is not
+    finite is left out [m].
     """
     scans = [_faults(group, guess) for group, guess in zip(groups, guesses_m, strict=True)]
     owner = np.repeat(np.arange(len(groups)), [len(scan) for scan in scans])
@@ -159,61 +129,33 @@ def screened_table(
     low, high = clopper_pearson(events[best], len(screen.draws))
     spent = {SCREENED: screen.evaluations}
 
-    listed = np.argsort(-rough, kind="stable")[: max(_FEWEST_PAIRS, _PAIRS_EACH * refine)]
+    listed = np.argsort(-rough, kind="stable")[: max(_FEWEST_PAIRS, _PAIRS_EACH * search.refine)]
     tried = np.concatenate([order[first[k] : first[k] + min(_FAULTS_EACH, len(scans[k]))] for k in listed])
     climbed = screen.climbed(faults[tried])
     for k in listed:
-        mine = np.flatnonzero(owner[tried] == k)
-        at = mine[climbed[mine].argmax()]
+        own = np.flatnonzero(owner[tried] == k)
+        at = own[climbed[own].argmax()]
         bias[k], rough[k] = faults[tried[at]], climbed[at]
-    chosen = listed[np.argsort(-rough[listed], kind="stable")[:refine]]
-    bias[chosen] = climb_faults(g, bias[chosen], [groups[k] for k in chosen], screen.estimator(g), seed)
+    chosen = listed[np.argsort(-rough[listed], kind="stable")[: search.refine]]
+    bias[chosen] = climb_faults(g, bias[chosen], [groups[k] for k in chosen], screen.estimator(g), search.seed)
     spent[SHORTLISTED] = screen.evaluations - spent[SCREENED]
-
-    spent[REFINED] = 0
-
-    def counting(faults: Faults, cov: float, number: int) -> pd.DataFrame:
-        found = estimate(faults, cov, number)
-        for column in ("evaluations", "subset_evaluations"):
-            spent[REFINED] += int(found[column].sum()) if column in found else 0
-        return found
-
-    last = estimates(g, bias[chosen], counting, target_cov, (seed + 1) % (LARGEST_SEED + 1))
     stage = np.full(len(groups), SCREENED, dtype=object)
     stage[listed], stage[chosen] = SHORTLISTED, REFINED
-    table = pd.DataFrame(
-        {
-            **fault_columns(g, groups, bias),
-            "probability": np.nan,
-            "standard_error": np.nan,
-            "low": np.asarray(low, dtype=float),
-            "high": np.asarray(high, dtype=float),
-            "rough": np.exp(rough),
-            "stage": stage,
-            "refined": stage == REFINED,
-            "warning": np.full(len(groups), "", dtype=object),
-        }
-    )
-    for column in last:
-        table.loc[chosen, column] = last[column].to_numpy()
+    table = pd.DataFrame(fault_columns(g, groups, bias))
+    table = table.assign(
+        probability=np.nan, standard_error=np.nan, low=np.asarray(low, float), high=np.asarray(high, float),
+        rough=np.exp(rough), stage=stage, refined=stage == REFINED, warning=np.full(len(groups), "", dtype=object),
+    )  # fmt: skip
+    spent[REFINED] = last_estimates(g, table, chosen, bias, search, doubts=[""] * len(groups))
     place = np.array([(REFINED, SHORTLISTED, SCREENED).index(one) for one in stage])
-    table = table.iloc[np.lexsort((-rough, place))]
-    table = table.reset_index(drop=True)
+    table = table.iloc[np.lexsort((-rough, place))].reset_index(drop=True)
     table.attrs["evaluations"] = spent
     return table
 
 
 def _faults(group: tuple[int, ...], guess_m: FloatArray) -> FloatArray:
-    """(f, n), what is screened of one satellite or a pair [m]; a fault and its negative are equally bad."""
-    if len(group) > MOST_SATELLITES:
-        raise InputError(f"satellites: the search by estimates takes 1 or 2 at a time, not {len(group)}.")
-    ratios = np.array(PAIR_RATIOS if len(group) == 2 else (0.0,))
-    sizes, ratio = (part.reshape(-1) for part in np.meshgrid(_SIZES_M, ratios, indexing="ij"))
-    faults = np.zeros((sizes.size, guess_m.size))
-    # The larger of both has the size.
-    faults[:, group[0]] = sizes / np.maximum(1.0, np.abs(ratio))
-    if len(group) == 2:
-        faults[:, group[1]] = faults[:, group[0]] * ratio
+    """(f, n), what is screened of one satellite or a pair [m]."""
+    faults = scan_faults(group, guess_m.size, _SIZES_M)
     if np.isfinite(guess_m).all() and guess_m.any():
         faults = np.concatenate([faults, _FACTORS[:, None] * guess_m])
     return faults

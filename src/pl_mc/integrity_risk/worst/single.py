@@ -13,83 +13,54 @@ from typing import Any
 
 import numpy as np
 import pandas as pd
-from numpy.typing import NDArray
 from scipy import stats
 
-from pl_mc.engine.checks import LARGEST_SEED
+from pl_mc.arrays import FloatArray
 from pl_mc.geometry.record import Geometry
 from pl_mc.integrity_risk.worst.bias_curve import (
     LEAST_ESS,
     SIZES_M,
+    BiasCurve,
     Explored,
     Region,
     Shared,
-    SizeCurve,
     coarse_curve,
     explore,
     finer_curve,
 )
-from pl_mc.integrity_risk.worst.search import (
-    GRID_M,
-    NO_ESTIMATE,
-    Estimator,
-    bias_columns,
-    estimates,
-    fault_columns,
-    heights,
-)
+from pl_mc.integrity_risk.worst.search import GRID_M, NO_ESTIMATE, Search, heights, last_estimates, searched_table
 from pl_mc.runtime.threads import cores, in_order
-
-FloatArray = NDArray[np.float64]
 
 # Sizes at which the finer curve is looked up.
 _LOOKS = 41
-_CHECKS, _COUNTS = ("subset_probability", "subset_standard_error"), ("evaluations", "subset_evaluations")
+_CHECKS = ("subset_probability", "subset_standard_error")
 
 EXPLORED, CURVES, REFINED = "explored", "curves", "refined"
 
 
-def single_table(
-    g: Geometry,
-    rows: Sequence[int],
-    region: Region,
-    estimate: Estimator,
-    *,
-    target_cov: float,
-    refine: int,
-    seed: int,
-) -> pd.DataFrame:
-    """One row per satellite; the columns are explained at `pl_mc.worst_case`.
-
-    Args:
-        g: one epoch with redundancy.
-        rows: which satellites.
-        region: the event.
-        estimate: of the last estimates.
-        target_cov, refine, seed: as for `pl_mc.worst_case`.
-    """
+def single_table(g: Geometry, rows: Sequence[int], region: Region, search: Search) -> pd.DataFrame:
+    """One row per satellite, of an epoch with redundancy; the columns are explained at `pl_mc.worst_case`."""
     count = SIZES_M.size
     traces = np.concatenate([SIZES_M[:, None] * region.traces[row] for row in rows])
 
     def source(stage: int, place: int) -> np.random.Generator:
-        return np.random.default_rng((seed, int(g.epoch), stage, place))
+        return np.random.default_rng((search.seed, int(g.epoch), stage, place))
 
     def population(place: int) -> Explored:
         return explore(region, traces[place], source(1, place))
 
-    def coarse(j: int) -> SizeCurve:
-        return coarse_curve(
-            region, found[j * count : (j + 1) * count], shared, region.traces[rows[j]], source(2, j)
-        )
+    def coarse(j: int) -> BiasCurve:
+        own = found[j * count : (j + 1) * count]
+        return coarse_curve(region, own, shared, region.traces[rows[j]], source(2, j))
 
-    def finer(j: int) -> SizeCurve:
+    def finer(j: int) -> BiasCurve:
         return finer_curve(region, curves[j], *_bracket(size[j]), source(3, j))
 
     found = [one for _, one in in_order(population, range(len(traces)), cores())]
     shared = Shared.of(found, traces)
     curves = [one for _, one in in_order(coarse, range(len(rows)), cores(), compiled=True)]
     table, size = _searched(curves, found)
-    chosen = np.argsort(-heights(table), kind="stable")[:refine]
+    chosen = np.argsort(-heights(table), kind="stable")[: search.refine]
     chosen = chosen[table["probability"].to_numpy()[chosen] > 0]
     second = [one for _, one in in_order(finer, [int(j) for j in chosen], cores(), compiled=True)]
     for j, curve in zip(chosen, second, strict=True):
@@ -97,36 +68,17 @@ def single_table(
         values = np.nan_to_num(curve.known(sizes), nan=-1.0)
         size[j] = sizes[values.argmax()] if values.max() > 0 else size[j]
     bias = _on(g, rows, size)
-    spent = {
-        EXPLORED: sum(one.evaluations for one in found),
-        CURVES: sum(one.evaluations for one in (*curves, *second)),
-        REFINED: 0,
-    }
-    if chosen.size:
-        # Another seed: the largest of many estimates is too large on average, a fresh one is not.
-        last_seed = (seed + 1) % (LARGEST_SEED + 1)
-        last = estimates(g, bias[chosen], estimate, target_cov, last_seed, also=(*_CHECKS, *_COUNTS))
-        spent[REFINED] = sum(int(last.pop(column).sum()) for column in _COUNTS)
-        doubts = table["warning"].to_numpy()[chosen]
-        last["warning"] = ["; ".join(filter(None, pair)) for pair in zip(last["warning"], doubts, strict=True)]
-        for column in last:
-            table.loc[chosen, column] = last[column].to_numpy()
+    spent = {EXPLORED: sum(one.evaluations for one in found)}
+    spent[CURVES] = sum(one.evaluations for one in (*curves, *second))
+    spent[REFINED] = last_estimates(g, table, chosen, bias, search, doubts=list(table["warning"]), also=_CHECKS)
     groups = [(row,) for row in rows]
-    whole = pd.DataFrame(
-        {
-            **fault_columns(g, groups, bias),
-            **{name: table[name] for name in ("probability", "standard_error", "low", "high", *_CHECKS)},
-            **bias_columns(groups, _on(g, rows, table["grid_m"].to_numpy()), "grid_"),
-            "grid_probability": table["grid_probability"],
-            "refined": np.isin(np.arange(len(rows)), chosen),
-            "warning": table["warning"],
-        }
-    )
+    grid_m = _on(g, rows, table["grid_m"].to_numpy())
+    whole = searched_table(g, groups, bias, table, grid_m, chosen, also=_CHECKS)
     whole.attrs["evaluations"] = spent
     return whole
 
 
-def _searched(curves: Sequence[SizeCurve], found: Sequence[Explored]) -> tuple[pd.DataFrame, FloatArray]:
+def _searched(curves: Sequence[BiasCurve], found: Sequence[Explored]) -> tuple[pd.DataFrame, FloatArray]:
     """What the coarse curves say of each satellite, and its best size (satellites,) [m]."""
     looked = np.union1d(SIZES_M, GRID_M)
     on_grid = np.isin(looked, GRID_M)

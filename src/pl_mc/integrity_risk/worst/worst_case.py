@@ -17,9 +17,9 @@ from typing import Literal
 
 import numpy as np
 import pandas as pd
-from numpy.typing import NDArray
 
 from pl_mc.alert import LPV_200, AlertLimits
+from pl_mc.arrays import FloatArray
 from pl_mc.engine.checks import LARGEST_SEED, require_geometry_and_alert
 from pl_mc.faults import require_satellite
 from pl_mc.geometry.record import Geometry
@@ -29,6 +29,7 @@ from pl_mc.integrity_risk.worst.ls_exact import (
     LsEpoch,
     alarm_probability,
     event_probability,
+    law_with,
     ls_epoch,
     peaks,
     require_event,
@@ -39,8 +40,8 @@ from pl_mc.integrity_risk.worst.pairs import Screen, screened_table
 from pl_mc.integrity_risk.worst.search import (
     GRID_M,
     MOST_SATELLITES,
-    NO_ESTIMATE,
     Estimator,
+    Search,
     bias_columns,
     estimated_table,
     fault_columns,
@@ -48,19 +49,8 @@ from pl_mc.integrity_risk.worst.search import (
     rare_event_estimator,
 )
 from pl_mc.integrity_risk.worst.single import single_table
-from pl_mc.methods import Ls, Method, as_methods
-
-FloatArray = NDArray[np.float64]
-
-__all__ = [
-    "NO_ESTIMATE",
-    "Estimator",
-    "Worst",
-    "exact_worst",
-    "rare_event_estimator",
-    "satellite_groups",
-    "worst_case",
-]
+from pl_mc.methods import Method, as_methods
+from pl_mc.statistics.exact import LeastSquaresLaw
 
 _NEGLIGIBLE = 1e-9
 
@@ -82,8 +72,9 @@ def worst_case(
 ) -> pd.DataFrame:
     """The fault of each satellite (or pair) that makes a missed or misleading event likeliest, the worst first.
 
-    For least squares all numbers are exact. The noise has the sigma of the geometry. A fault and its negative are
-    equally bad; the one with a positive bias on the first satellite is given.
+    For a method with an exact law, such as least squares, all numbers are exact. The noise has the sigma of the
+    geometry. A fault and its negative are equally bad; the one with a positive bias on the first satellite is
+    given.
 
     For other methods the noise is Gaussian too. One satellite at a time: populations of subset simulation at 18
     sizes from 1 to 150 m on every satellite find the event, and importance sampling from what all of them found
@@ -104,7 +95,7 @@ def worst_case(
         method: name or record of a method; the multiplier of the protection level is the record's.
         satellites: how many fail together, 1 or 2, or which: names and tuples of names, such as
             ``["G03", ("G05", "E08")]``.
-        alarm: ``pl``, alarm when VPL > VAL; ``chi2`` (least squares alone), alarm when V'PV exceeds its fault-free
+        alarm: ``pl``, alarm when VPL > VAL; ``chi2`` (exact laws alone), alarm when V'PV exceeds its fault-free
             quantile at ``p_fa``, with VAL as the limit of the error.
         event: ``missed``, |vertical error| > VAL and no alarm, or ``misleading``, |vertical error| > VPL and no
             alarm.
@@ -136,14 +127,12 @@ def worst_case(
         ``table.attrs["evaluations"]`` is the number of scenarios at each stage, summed over the epochs.
 
     Raises:
-        InputError: unknown names, options outside their range, ``chi2`` for a method other than least squares.
+        InputError: unknown names, options outside their range, ``chi2`` for a method without an exact law.
     """
     require_geometry_and_alert(g, alert)
     require_event(event)
     (chosen,) = as_methods([method])
-    exact = isinstance(chosen, Ls) and estimator is None
-    if not exact and alarm != "pl":
-        raise InputError(f"alarm: {alarm!r} is for exact least squares alone; use 'pl' with {chosen.name}.")
+    law = law_with(alarm, chosen, estimated=estimator is not None)
     require_whole(refine, field="refine", low=1)
     seed = require_whole(seed, field="seed", low=0, high=LARGEST_SEED)
     require_positive(target_cov, field="target_cov")
@@ -151,9 +140,8 @@ def worst_case(
     spent: dict[str, int] = {}
     for one in g.as_series():
         groups = satellite_groups(one, satellites, g.names)
-        record = chosen if isinstance(chosen, Ls) else Ls()
-        epoch = ls_epoch(one, record, alarm=alarm, p_fa=p_fa, alert=alert)
-        if exact:
+        epoch = ls_epoch(one, law or LeastSquaresLaw(), alarm=alarm, p_fa=p_fa, alert=alert)
+        if law:
             table = _exact_table(one, epoch, event, groups)
         else:
             estimate: Estimator = no_events
@@ -161,20 +149,16 @@ def worst_case(
                 estimate = estimator or rare_event_estimator(
                     one, chosen, event, alert, target_cov=target_cov, max_evaluations=max_evaluations
                 )
-            if estimator is None and epoch.available and any(len(group) > 1 for group in groups):
+            search = Search(estimate, target_cov, refine, seed)
+            if estimator is not None or not epoch.available:
+                table = estimated_table(one, groups, search)
+            elif any(len(group) > 1 for group in groups):
                 screen = Screen.of(one, chosen, event, alert, np.random.default_rng((seed, int(one.epoch))))
                 guesses = exact_worst(epoch, event, groups).bias_m
-                table = screened_table(
-                    one, groups, guesses, screen, estimate, target_cov=target_cov, refine=refine, seed=seed
-                )
-            elif estimator is None and epoch.available:
-                region = Region.of(one, chosen, event, alert)
-                rows = [group[0] for group in groups]
-                table = single_table(
-                    one, rows, region, estimate, target_cov=target_cov, refine=refine, seed=seed
-                )  # fmt: skip
+                table = screened_table(one, groups, guesses, screen, search)
             else:
-                table = estimated_table(one, groups, estimate, target_cov=target_cov, refine=refine, seed=seed)
+                region = Region.of(one, chosen, event, alert)
+                table = single_table(one, [group[0] for group in groups], region, search)
         table.insert(0, "epoch", int(one.epoch))
         table.insert(1, "method", chosen.name)
         for stage, number in table.attrs.pop("evaluations", {}).items():
@@ -204,14 +188,11 @@ class Worst:
 
 
 def satellite_groups(
-    g: Geometry, satellites: int | Sequence[str | Sequence[str]], names: Sequence[str] | None = None
+    g: Geometry, satellites: int | Sequence[str | Sequence[str]], names: Sequence[str]
 ) -> list[tuple[int, ...]]:
     """Rows of the satellites that fail together; at an epoch of a series those groups that are all in view.
 
-    Args:
-        g: one epoch.
-        satellites: 1 or 2, for all satellites or pairs; or names and tuples of names.
-        names: all satellites of the series.
+    ``satellites`` are as for `worst_case`, ``names`` all of the series.
     """
     if not isinstance(satellites, Iterable):
         number = require_whole(satellites, field="satellites", low=1, high=2)
@@ -219,11 +200,10 @@ def satellite_groups(
     if isinstance(satellites, str):
         raise InputError(f"satellites: 1, 2 or a list of names is needed, such as [{satellites!r}], not a word.")
     groups = []
-    known = g.names if names is None else names
     for item in satellites:
         group = (item,) if isinstance(item, str) else tuple(item)
         for name in group:
-            if name not in known:
+            if name not in names:
                 require_satellite(g, name)
         if not group or len(set(group)) < len(group):
             raise InputError(f"satellites: different names that fail together are needed, not {group!r}.")
@@ -237,10 +217,7 @@ def satellite_groups(
 def exact_worst(epoch: LsEpoch, event: str, kinds: Sequence[tuple[int, ...]] | Sequence[FloatArray]) -> Worst:
     """The worst fault of each kind under least squares.
 
-    Args:
-        epoch: the epoch.
-        event: ``missed`` or ``misleading``.
-        kinds: for each the rows of the satellites that fail, or columns (n, k) that span its faults [m].
+    A kind is the rows of the satellites that fail, or columns (n, k) that span its faults [m].
     """
     n = epoch.sigma_m.size
     if not epoch.available:

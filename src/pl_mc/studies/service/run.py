@@ -22,8 +22,8 @@ from pl_mc.report.findings import Findings, Picture, Table, picture
 from pl_mc.report.maps import coastlines, sky_figure, world_figure
 from pl_mc.report.text import percent
 from pl_mc.service.continuity import as_durations
-from pl_mc.service.grid import world_grid
 from pl_mc.service.levels import levels_from_geometry
+from pl_mc.service.sky import world_grid
 from pl_mc.service.task import ServiceTask
 from pl_mc.service.volume import (
     DAY_S,

@@ -39,19 +39,19 @@ def test_estimates_do_not_depend_on_the_elimination():
     # A geometry that determines nothing, and one with too few satellites.
     arrays[3][0] = False
     arrays[3][1, np.flatnonzero(arrays[3][1])[4:]] = False
-    apart, general = (estimates(*arrays, one_clock_per_row=flag) for flag in (True, False))
-    np.testing.assert_array_equal(apart.available, general.available)
-    assert not apart.available[:2].any()
-    assert apart.available.sum() > 50
+    at_once, general = (estimates(*arrays, one_clock_per_row=flag) for flag in (True, False))
+    np.testing.assert_array_equal(at_once.available, general.available)
+    assert not at_once.available[:2].any()
+    assert at_once.available.sum() > 50
     there = np.asarray(general.available)
     size = np.nanmax(np.abs(arrays[2]), axis=1, initial=1.0, where=arrays[3])
-    np.testing.assert_allclose(apart.weights, general.weights, atol=TOLERANCE)
+    np.testing.assert_allclose(at_once.weights, general.weights, atol=TOLERANCE)
     for field in ("state", "residuals_m"):
-        difference = np.abs(getattr(apart, field) - getattr(general, field))[there].max(axis=1)
+        difference = np.abs(getattr(at_once, field) - getattr(general, field))[there].max(axis=1)
         assert (difference <= TOLERANCE * size[there]).all(), field
     for field in ("unit_error", "cofactor_m2"):
-        np.testing.assert_allclose(getattr(apart, field), getattr(general, field), rtol=TOLERANCE)
-    np.testing.assert_array_equal(apart.kept, general.kept)
+        np.testing.assert_allclose(getattr(at_once, field), getattr(general, field), rtol=TOLERANCE)
+    np.testing.assert_array_equal(at_once.kept, general.kept)
 
 
 @pytest.mark.parametrize("t", [4, 5, 7])

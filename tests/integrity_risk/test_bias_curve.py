@@ -13,9 +13,9 @@ from pl_mc.integrity_risk.rare.limit_state import LimitState, rotation
 from pl_mc.integrity_risk.worst.bias_curve import (
     LEAST_ESS,
     SIZES_M,
+    BiasCurve,
     Region,
     Shared,
-    SizeCurve,
     coarse_curve,
     explore,
     finer_curve,
@@ -46,7 +46,7 @@ class _Beyond:
 
 
 @pytest.fixture(scope="module")
-def curve() -> tuple[Region, np.ndarray, list, SizeCurve]:
+def curve() -> tuple[Region, np.ndarray, list, BiasCurve]:
     """Risk that grows with the first coordinate, and falls again as the second leaves: largest between."""
     region = Region(_Beyond(), np.array([[0.12, 0.16, 0.05, 0.0, 0.0, 0.0]]))  # type: ignore[arg-type]
     trace = region.traces[0]
