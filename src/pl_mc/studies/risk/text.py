@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Mapping, Sequence
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 import pandas as pd
@@ -14,10 +14,8 @@ from pl_mc.methods import Method
 from pl_mc.report.document import Block, Bullets, Heading, Paragraph, TextTable
 from pl_mc.report.figures import method_label
 from pl_mc.report.text import method_key, percent
+from pl_mc.studies.risk.record import RiskExperiment
 from pl_mc.studies.risk.tables import EXACT
-
-if TYPE_CHECKING:
-    from pl_mc.studies.risk.record import RiskExperiment
 
 _EVENTS = {"misleading": "misleading information", "missed": "missed detection", "alarm": "alarm"}
 _BIASES = {"worst": "the worst bias of every mode", "given sizes": "biases of given sizes"}

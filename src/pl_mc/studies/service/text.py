@@ -22,7 +22,7 @@ _LISTED = 5
 
 
 def summary(setting: str, volume: ServiceVolume, worst: pd.DataFrame) -> Summary:
-    """Rates over the world by operation and method, continuity, and the sites of the table ``worst_sites``."""
+    """What was run (``setting``), rates over the world by operation and method, continuity, the ``worst`` sites."""
     noisy, exact = [name for name in volume.methods if name not in volume.exact], ", ".join(volume.exact)
     # Operations in their order, methods within them in theirs.
     world = [

@@ -1,8 +1,9 @@
 """Rates of events under faults: fault by fault, satellite by satellite, or as maps over time."""
 
 from pl_mc.studies.study import Study
-from pl_mc.studies.sweep.run import SweepExperiment, run, sweeps
+from pl_mc.studies.sweep.record import SweepExperiment
 from pl_mc.studies.sweep.text import answer
+from pl_mc.studies.sweep.views import run, sweeps
 
 _HOW_OFTEN = "how often does each method alarm, mislead or miss"
 

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Mapping, Sequence
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import pandas as pd
 
@@ -12,9 +12,7 @@ from pl_mc.noise_models import GAUSSIAN, NoiseModel
 from pl_mc.report.document import Block, Paragraph, TextTable
 from pl_mc.report.text import event_sentences, event_text, method_key, metres, percent
 from pl_mc.statistics import fault_free_exceeded
-
-if TYPE_CHECKING:
-    from pl_mc.studies.sweep.run import SweepExperiment
+from pl_mc.studies.sweep.record import SweepExperiment
 
 EVENTS = ("alarm", "missed", "misleading")
 

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Iterable
-from typing import TYPE_CHECKING
 
 import numpy as np
 import pandas as pd
@@ -20,10 +19,8 @@ from pl_mc.statistics.exact import ls_rates
 from pl_mc.studies.planned_sweep import PlannedSweep
 from pl_mc.studies.spec import RampSizes
 from pl_mc.studies.sweep import figures
+from pl_mc.studies.sweep.record import SweepExperiment
 from pl_mc.studies.sweep.text import EVENTS, faults_summary, map_summary, satellites_summary
-
-if TYPE_CHECKING:
-    from pl_mc.studies.sweep.run import SweepExperiment
 
 # Draws whose protection levels are kept one by one, for medians and quantiles.
 LEVEL_DRAWS = 2000
@@ -31,6 +28,17 @@ LEVEL_DRAWS = 2000
 _RATES = Chart("Rates of events against the bias", ("method",), event_quantities())
 _LEVELS = Chart("VPL and HPL against the bias", ("method",), level_quantities())
 _RAMP_CAPTION = "Protection levels and rates of events against the bias, or fault by fault."
+
+
+def sweeps(experiment: SweepExperiment) -> tuple[PlannedSweep, ...]:
+    """The sweeps of the experiment."""
+    return planned(experiment)[0]
+
+
+def run(experiment: SweepExperiment, execution: Execution) -> Findings:
+    """Tables, figures and summary of the view."""
+    of_view = {"faults": by_fault, "satellites": by_satellite, "map": over_time}
+    return of_view[experiment.view](experiment, execution)
 
 
 def planned(experiment: SweepExperiment) -> tuple[tuple[PlannedSweep, ...], tuple[str, ...]]:

@@ -1,7 +1,8 @@
 """Limits of IGG-III that cost least at a given risk, beside the default and least squares."""
 
 from pl_mc.studies.study import Study
-from pl_mc.studies.tuning.run import TuningExperiment, run, work
+from pl_mc.studies.tuning.record import TuningExperiment
+from pl_mc.studies.tuning.run import run, work
 from pl_mc.studies.tuning.text import answer
 
 STUDY = Study(

@@ -9,11 +9,9 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 from dataclasses import replace
-from typing import Annotated, Literal
 
 import numpy as np
 import pandas as pd
-from pydantic import Field
 
 from pl_mc.engine import Execution
 from pl_mc.faults import Faults, no_fault
@@ -27,50 +25,14 @@ from pl_mc.report.findings import Findings, Picture, Table
 from pl_mc.runtime.progress import with_progress
 from pl_mc.runtime.threads import cores, in_order
 from pl_mc.statistics import ls_quantities, ls_rates
-from pl_mc.studies.spec import Experiment, ListedFaults, SimulatedGeometry
+from pl_mc.studies.spec import ListedFaults
 from pl_mc.studies.study import Work
 from pl_mc.studies.tuning.figures import tuning_figure
+from pl_mc.studies.tuning.record import ObjectiveName, TuningExperiment
 from pl_mc.studies.tuning.text import judged, summary
-
-ObjectiveName = Literal["vpl", "alarms"]
 
 # Scenarios a second on two cores, from the seconds in the manifest of the shipped experiment.
 _SCENARIOS_PER_S = 6.0e5
-
-
-class TuningExperiment(Experiment):
-    """Tuned limits of IGG-III at one epoch, for several targets and objectives.
-
-    Attributes:
-        geometry: the satellites in view, at one epoch.
-        targets: probabilities of the event per sample that are kept.
-        objectives: what is made small, fault-free: the mean level (vpl) or the share of alarms (alarms).
-        event: the event whose probability is kept, misleading or exceeded.
-        faults: faults under each of which the target is kept, tables of biases by satellite [m]; an empty one is
-            the fault-free case.
-        draws: fresh noise draws that judge; targets of which they have 20 events are counted.
-        search_draws: weighted draws of the search, for each fault.
-        steps: most steps of each descent.
-        confidence: with which the multipliers keep the target.
-        target_cov: relative standard error of the risk that judges a target that cannot be counted.
-        max_evaluations: scenarios that it may take, for each fault and pair of limits.
-        worst: how many satellites fail together, 1 or 2 or both: the worst of such faults is sought for all limits
-            at the smallest target, with the multipliers that they need for the faults above.
-    """
-
-    kind: Literal["tuning"] = "tuning"
-    geometry: SimulatedGeometry
-    targets: Annotated[tuple[Annotated[float, Field(gt=0, lt=1)], ...], Field(min_length=1)]
-    objectives: Annotated[tuple[ObjectiveName, ...], Field(min_length=1)] = ("vpl", "alarms")
-    event: Literal["misleading", "exceeded"] = "misleading"
-    faults: Annotated[tuple[dict[str, float], ...], Field(min_length=1)] = ({},)
-    draws: int = Field(default=400_000, ge=1000)
-    search_draws: int = Field(default=16_384, ge=1024)
-    steps: int = Field(default=30, ge=1)
-    confidence: float = Field(default=0.95, gt=0, lt=1)
-    target_cov: float = Field(default=0.1, gt=0, lt=1)
-    max_evaluations: int = Field(default=10_000_000, ge=500_000)
-    worst: tuple[Literal[1, 2], ...] = ()
 
 
 def run(experiment: TuningExperiment, execution: Execution) -> Findings:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Mapping
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 import pandas as pd
@@ -12,9 +12,7 @@ from pl_mc.faults import Faults
 from pl_mc.geometry import Geometry
 from pl_mc.report.document import Block, Bullets, Heading, Paragraph, TextTable
 from pl_mc.report.text import percent, rate_text
-
-if TYPE_CHECKING:
-    from pl_mc.studies.tuning.run import TuningExperiment
+from pl_mc.studies.tuning.record import TuningExperiment
 
 PRICES = {"vpl": "mean level", "alarms": "fault-free alarms"}
 # Changes within so many standard errors are none.

@@ -1,7 +1,8 @@
 """One robust estimate in many variants, under the same faults and noise."""
 
 from pl_mc.studies.study import Study
-from pl_mc.studies.variants.run import VariantsExperiment, run, sweeps
+from pl_mc.studies.variants.record import VariantsExperiment
+from pl_mc.studies.variants.run import run, sweeps
 from pl_mc.studies.variants.text import answer
 
 STUDY = Study(

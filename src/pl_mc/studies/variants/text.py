@@ -3,18 +3,15 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from typing import TYPE_CHECKING
 
 import pandas as pd
 
 from pl_mc.engine.events import EVENTS
 from pl_mc.report.document import Block, Bullets, Heading, Paragraph, TextTable
 from pl_mc.report.text import EVENT_MEANS, event_text
+from pl_mc.studies.variants.record import DEFAULT, VariantsExperiment
 
-if TYPE_CHECKING:
-    from pl_mc.studies.variants.run import VariantsExperiment
-
-DEFAULT, NONE, DOUBLE = "default", "none", "double"
+NONE, DOUBLE = "none", "double"
 _KNOWN = {"ls": "least squares", DEFAULT: "default IGG-III"}
 
 # What the table of the worst rates has, and what of it the summary shows.

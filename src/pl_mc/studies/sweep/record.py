@@ -7,9 +7,6 @@ from typing import Any, Literal, NoReturn
 from pydantic import Field, TypeAdapter, ValidationError, ValidationInfo, field_validator
 from pydantic_core import InitErrorDetails, PydanticCustomError
 
-from pl_mc.engine import Execution
-from pl_mc.report.findings import Findings
-from pl_mc.studies.planned_sweep import PlannedSweep
 from pl_mc.studies.spec import (
     AnyFaults,
     Experiment,
@@ -19,7 +16,6 @@ from pl_mc.studies.spec import (
     RampSizes,
     SimulatedGeometry,
 )
-from pl_mc.studies.sweep import views
 
 _FORMS: dict[str, TypeAdapter[Any]] = {
     "faults": TypeAdapter(AnyFaults),
@@ -76,17 +72,6 @@ class SweepExperiment(Experiment):
                     f"nothing can stand here in the view {view} (nearest: view = 'faults')", given[field], field
                 )
         return _FORMS[view].validate_python(given)
-
-
-def sweeps(experiment: SweepExperiment) -> tuple[PlannedSweep, ...]:
-    """The sweeps of the experiment."""
-    return views.planned(experiment)[0]
-
-
-def run(experiment: SweepExperiment, execution: Execution) -> Findings:
-    """Tables, figures and summary of the view."""
-    of_view = {"faults": views.by_fault, "satellites": views.by_satellite, "map": views.over_time}
-    return of_view[experiment.view](experiment, execution)
 
 
 def _refuse(rule: str, given: object, *inner: str) -> NoReturn:
