@@ -10,7 +10,7 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from hypothesis import example, given, settings
 from hypothesis import strategies as st
 from scipy import stats
 
@@ -113,10 +113,44 @@ PRIORS = [
 ]
 
 
+def triples_held(clocks, in_view, priors, modes, left):
+    """(modes,), what the host adds to the prior of each mode for the three faults at a time that it holds.
+
+    The host looks at three faults where pairs leave more than the threshold and what cannot be tested is no more
+    than that; those that a mode holds are then shared out, as pairs are. The compiled rule counts all of them as
+    not monitored.
+    """
+    member = (clocks > 0) & in_view[:, None]
+    counts = in_view & ~(member & (member.sum(axis=0) == 1)).any(axis=1)
+    groups = [group for group in (member & counts[:, None]).T if group.any()]
+    events = [(np.eye(len(in_view), dtype=bool)[k], priors.p_sat) for k in np.flatnonzero(counts)]
+    events += [(group, priors.p_const) for group in groups]
+    none = np.prod([1.0 - p for _, p in events])
+
+    def combinations(size):
+        for chosen in itertools.combinations(events, size):
+            prior = none * np.prod([p / (1.0 - p) for _, p in chosen])
+            yield np.any([spoilt for spoilt, _ in chosen], axis=0), prior
+
+    def solvable(spoilt):
+        kept = in_view & ~spoilt
+        return kept.sum() >= 3 + (member & kept[:, None]).any(axis=0).sum()
+
+    lost = sum(prior for size in (1, 2) for spoilt, prior in combinations(size) if not solvable(spoilt))
+    more = np.zeros(len(modes))
+    if priors.unmonitored == "contained" and left > priors.p_threshold >= lost:
+        for spoilt, prior in combinations(3):
+            holds = np.array([set(np.flatnonzero(spoilt)) <= set(mode) for mode in modes])
+            more += prior * holds / max(holds.sum(), 1)
+    return more
+
+
 @given(counts=st.lists(st.integers(0, 8), min_size=3, max_size=3), priors=st.sampled_from(PRIORS))
+# Here pairs leave 1.00002 times the threshold, and the host goes on to three faults.
+@example(counts=[2, 3, 4], priors=PRIORS[3])
 @settings(max_examples=60)
 def test_modes_are_those_of_the_host(counts, priors):
-    """Whatever the rule makes of each pattern, both implementations make it, as long as two faults are enough."""
+    """Whatever the rule makes of each pattern, both implementations make it, but for three faults at a time."""
     letters = "".join(letter * count for letter, count in zip("GCE", counts, strict=True))[:ROWS]
     letters += "-" * (ROWS - len(letters))
     clocks = np.array([[a == b for b in "GCE"] for a in letters], dtype=float)
@@ -136,8 +170,9 @@ def test_modes_are_those_of_the_host(counts, priors):
 
     mine, theirs = table(found.excluded, found.probability), table(expected.excluded, expected.probability)
     assert [s for s, _ in mine] == [s for s, _ in theirs]
-    np.testing.assert_allclose([p for _, p in mine], [p for _, p in theirs], rtol=1e-9)
-    np.testing.assert_allclose(found.p_not_monitored, expected.p_not_monitored, rtol=1e-6, atol=1e-15)
+    more = triples_held(clocks, in_view, priors, [s for s, _ in mine], float(found.p_not_monitored))
+    np.testing.assert_allclose([p for _, p in mine] + more, [p for _, p in theirs], rtol=1e-9)
+    np.testing.assert_allclose(found.p_not_monitored - more.sum(), expected.p_not_monitored, rtol=1e-6, atol=1e-15)
 
 
 @pytest.mark.parametrize("priors", PRIORS)
