@@ -1,9 +1,13 @@
-"""Settings of the whole suite: 64-bit JAX, the folder of real data, reproducible property tests."""
+"""Settings of the suite: 64-bit JAX, compiled quickly, the folder of real data, reproducible property tests."""
 
 from __future__ import annotations
 
+import gc
+import importlib
+import importlib.util
 import os
 from pathlib import Path
+from typing import Any
 
 import jax
 import pytest
@@ -33,3 +37,85 @@ def data_folder() -> Path:
     if not folder.is_dir():
         pytest.skip(f"{DATA_VARIABLE} names {named}, which is no folder")
     return folder
+
+
+# Most of the time of a full compilation of the suite is the compiler's. Its quick way takes a seventh of that and
+# makes code that runs four times as long, the middle one half of it and runs as fast (JAX 0.10, IGG-III); last bits
+# may differ. A file or a test says which way is its own: the quick one unless marked, ``counting`` where it runs
+# long, ``optimised``, as users compile, where it is about bits, precision or speed or has processes of its own. The
+# variable takes one of them for all.
+WAYS: dict[str, dict[str, Any]] = {
+    "quick": {"xla_backend_optimization_level": 0, "xla_cpu_use_fusion_emitters": False},
+    "counting": {"xla_backend_optimization_level": 1, "xla_cpu_use_fusion_emitters": False},
+    "optimised": {},
+}
+WAY_VARIABLE = "PL_MC_TEST_COMPILER"
+QUICK, *OTHERS = WAYS
+
+
+class Compilation:
+    """Options for all that is compiled from now on.
+
+    JAX takes options of one function or of a process, not of a stretch of time. What it collects them with is no
+    public name; where it has gone, every test is compiled as users do.
+    """
+
+    def __init__(self) -> None:
+        self.file: Path | None = None
+        self.way = "optimised"
+        found = importlib.util.find_spec("jax._src.compiler")
+        self.compiler = importlib.import_module("jax._src.compiler") if found else None
+        self.collect = getattr(self.compiler, "get_compile_options", None)
+        if self.collect is not None and jax.default_backend() == "cpu":
+            self.compiler.get_compile_options = self.options
+
+    def options(self, *args: Any, env_options_overrides: dict[str, Any] | None = None, **kwargs: Any) -> Any:
+        chosen = WAYS[self.way] | (env_options_overrides or {})
+        return self.collect(*args, env_options_overrides=chosen, **kwargs)
+
+    def choose(self, file: Path, way: str) -> None:
+        """What was compiled in another way, or for another file, goes: processes grew to four gigabytes."""
+        if (file, way) != (self.file, self.way):
+            self.file, self.way = file, way
+            jax.clear_caches()
+            gc.collect()
+
+
+COMPILATION = Compilation()
+
+
+@pytest.hookimpl(tryfirst=True)
+def pytest_runtest_setup(item: pytest.Item) -> None:
+    marked = [mark.name for mark in item.iter_markers() if mark.name in OTHERS]
+    COMPILATION.choose(item.path, os.environ.get(WAY_VARIABLE) or next(iter(marked), QUICK))
+
+
+# Files by how long they take, longest first: what comes last should be short, so that no process waits for another.
+LONGEST = (
+    "experiments/test_tuning_run.py",
+    "integrity_risk/test_tuning.py",
+    "integrity_risk/test_worst_case.py",
+    "benchmark/test_bench.py",
+    "integrity_risk/test_rare.py",
+    "integrity_risk/test_calibrate.py",
+    "kernels/test_transformations.py",
+    "engine/test_resume.py",
+    "kernels/test_kernels_against_reference.py",
+    "engine/test_dask.py",
+    "engine/test_sweep_cut.py",
+    "cli/test_observe.py",
+    "experiments/test_risk_run.py",
+    "methods/test_protocol.py",
+    "engine/test_detect.py",
+    "experiments/test_zhao_series.py",
+    "experiments/test_ramps_and_maps.py",
+    "cli/test_run.py",
+    "docs/test_documents.py",
+    "experiments/test_guo.py",
+    "engine/test_parts.py",
+)
+
+
+def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
+    rank = {Path(__file__).parent / name: k for k, name in enumerate(LONGEST)}
+    items.sort(key=lambda item: rank.get(item.path, len(rank)))

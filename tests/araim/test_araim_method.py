@@ -236,6 +236,7 @@ def test_the_false_alert_rate_of_a_sweep():
     assert int(table["false_alarms"].iloc[0]) == alarms
 
 
+@pytest.mark.optimised
 def test_single_precision():
     rng = np.random.default_rng(9)
     design, sigma, observed, in_view, _, _ = padded(rng, (6, 5))

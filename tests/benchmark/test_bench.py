@@ -31,6 +31,9 @@ from pl_mc.engine.plan import SCENARIOS_PER_CALL
 from reference import igg3_numpy
 from reference.problems import random_geometry
 
+# Speed, and precision: as users compile.
+pytestmark = pytest.mark.optimised
+
 ROOT = Path(__file__).parents[2]
 
 # A program as the user's would be, which reads and writes the files but is not fast: IGG-III by NumPy.

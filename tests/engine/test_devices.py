@@ -20,6 +20,9 @@ from pl_mc.runtime.precision import dtype_of
 from reference import small_sweep as small
 from reference.small_sweep import cut
 
+# Bits, across threads, parts and processes: as users compile.
+pytestmark = pytest.mark.optimised
+
 TESTS = Path(__file__).parents[1]
 
 PROGRAM = """

@@ -22,6 +22,9 @@ from pl_mc.input_errors import InputError
 from reference import small_sweep as small
 from reference.small_sweep import COUNTS, assert_same, cut
 
+# Bits, across threads, parts and processes: as users compile.
+pytestmark = pytest.mark.optimised
+
 
 @pytest.fixture(scope="module")
 def whole() -> pd.DataFrame:

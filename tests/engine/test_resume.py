@@ -28,6 +28,9 @@ from pl_mc.methods import Igg3, as_methods
 from reference import small_sweep as small
 from reference.small_sweep import assert_same, cut
 
+# Bits, across threads, parts and processes: as users compile.
+pytestmark = pytest.mark.optimised
+
 TESTS = Path(__file__).parents[1]
 PARTS = 12
 IDENTITY_FILE = SweepTask.kind.record

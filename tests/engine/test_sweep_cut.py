@@ -24,6 +24,9 @@ from pl_mc.statistics import binomial_p_value
 from reference.problems import appendix_d
 from reference.small_sweep import COUNTS, DRAWS, FAULTS, METHODS, SERIES
 
+# Bits, across threads, parts and processes: as users compile.
+pytestmark = pytest.mark.optimised
+
 EXPECTED = None
 
 

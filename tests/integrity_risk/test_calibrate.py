@@ -30,6 +30,9 @@ from pl_mc.methods import Igg3, Ls
 from pl_mc.statistics import binomial_p_value, ls_rates
 from reference.problems import appendix_d, random_series
 
+# Draws are many here, and compilations few.
+pytestmark = pytest.mark.counting
+
 # With these limits no residual is ever reweighted, so that the robust method is least squares, in all but the way
 # in which it is calibrated.
 NEVER_REWEIGHTS = Igg3(k0=1e3, k1=2e3, iterations=1)

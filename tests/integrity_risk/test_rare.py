@@ -17,6 +17,9 @@ from pl_mc.methods import Igg3
 from pl_mc.statistics import clopper_pearson
 from reference.problems import appendix_d, random_geometry, random_series
 
+# Draws are many here, and compilations few.
+pytestmark = pytest.mark.counting
+
 COLUMNS = [
     "fault", "bias_m", "method", "event", "probability", "standard_error", "low", "high", "ess", "evaluations",
     "estimator", "subset_probability", "subset_standard_error", "subset_evaluations", "warning",

@@ -22,6 +22,9 @@ from pl_mc.methods import Igg3, Ls
 from pl_mc.statistics import binomial_p_value, ls_rates
 from reference.problems import appendix_d, random_counts, random_geometry, random_series
 
+# Draws are many here, and compilations few.
+pytestmark = pytest.mark.counting
+
 LIMITS = AlertLimits("test", vertical_m=35.0, horizontal_m=40.0)
 
 

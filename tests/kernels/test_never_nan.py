@@ -4,12 +4,16 @@ from __future__ import annotations
 
 import jax
 import numpy as np
+import pytest
 from hypothesis import example, given, settings
 from hypothesis import strategies as st
 
 from pl_mc import kernels
 from pl_mc.kernels import IrlsOptions
 from reference.problems import appendix_d
+
+# What optimisation rearranges must not make a NaN either: as users compile.
+pytestmark = pytest.mark.optimised
 
 GEOMETRY = appendix_d()
 OPTIONS = (

@@ -35,6 +35,7 @@ def scenario(lanes: int, *, bias_m: float = 40.0, seed: int = 0):
     return g.design, g.sigma_m, observed
 
 
+@pytest.mark.optimised
 @pytest.mark.parametrize("name", ["mad_floored"])
 def test_lanes_are_vmap_are_one_by_one(name):
     design, sigma, observed = scenario(12)
@@ -149,6 +150,7 @@ def test_types_are_kept(dtype):
         assert estimate.available.dtype == bool
 
 
+@pytest.mark.optimised
 def test_single_precision_is_close_to_double():
     design, sigma, observed = scenario(50)
     double = jax.jit(levels_of)(design, sigma, observed)[1]

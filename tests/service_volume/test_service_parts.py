@@ -20,6 +20,9 @@ from pl_mc.geometry.frames import from_geodetic
 from pl_mc.service.task import ServiceTask
 from pl_mc.service.volume import service_volume
 
+# Bits, across threads, parts and processes: as users compile.
+pytestmark = pytest.mark.optimised
+
 STEP_S, EPOCHS, DRAWS, SEED = 5_400.0, 6, 8, 11
 NEAR = AlertLimits("near", vertical_m=5.0, horizontal_m=1e9)
 TABLES = ("sites", "world", "levels", "satellites", "by_epoch")
