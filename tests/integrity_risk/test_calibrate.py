@@ -20,9 +20,9 @@ from pl_mc.geometry.record import Geometry
 from pl_mc.input_errors import InputError
 from pl_mc.integrity_risk.k_factor import from_curve
 from pl_mc.integrity_risk.k_factor.calibrate import calibrate
+from pl_mc.integrity_risk.k_factor.calibrated import fewest_draws, order_bounds
 from pl_mc.integrity_risk.k_factor.error_to_level_ratio import RatioState, ratio_state
 from pl_mc.integrity_risk.k_factor.from_curve import ExceedanceCurve, exceedance_curve
-from pl_mc.integrity_risk.k_factor.multiplier import fewest_draws, order_bounds
 from pl_mc.integrity_risk.k_factor.worst_fault import neediest_fault
 from pl_mc.integrity_risk.rare.importance import ImportanceRun
 from pl_mc.kernels import linear_model, start_from

@@ -21,11 +21,9 @@ from pl_mc.engine.checks import LARGEST_DRAWS, LARGEST_SEED, require_geometry_an
 from pl_mc.faults import Faults, no_fault
 from pl_mc.geometry.record import Geometry
 from pl_mc.input_errors import InputError, require_choice, require_fraction, require_whole
-from pl_mc.integrity_risk.k_factor.error_to_level_ratio import EVENTS, ratio_state
-from pl_mc.integrity_risk.k_factor.from_curve import ExceedanceCurve, from_curve
-from pl_mc.integrity_risk.k_factor.multiplier import (
+from pl_mc.integrity_risk.k_factor.calibrated import (
     ALWAYS_ALARMS,
-    Found,
+    KFactor,
     alarm_columns,
     alarm_rate,
     bounds_of,
@@ -37,6 +35,8 @@ from pl_mc.integrity_risk.k_factor.multiplier import (
     order_bounds,
     searched,
 )
+from pl_mc.integrity_risk.k_factor.error_to_level_ratio import EVENTS, ratio_state
+from pl_mc.integrity_risk.k_factor.from_curve import ExceedanceCurve, from_curve
 from pl_mc.integrity_risk.worst.search import Estimator
 from pl_mc.methods import Method, as_methods
 from pl_mc.methods.capabilities import exact_law, k_of, require_k, with_k
@@ -118,7 +118,7 @@ def calibrate(
     require_k(chosen)
     series = g.as_series()
 
-    def estimated(part: Geometry, fault: Faults) -> tuple[Found, dict[str, float], ExceedanceCurve | None]:
+    def estimated(part: Geometry, fault: Faults) -> tuple[KFactor, dict[str, float], ExceedanceCurve | None]:
         unit_m, ratio = drawn_ratios(part, fault, chosen, event, alert, draws=draws, seed=seed)
         high, low = order_bounds(ratio.size, target, confidence)
         curve = None
@@ -184,7 +184,7 @@ def calibrate(
     return table
 
 
-def _columns(found: Found, k_before: float, alarm: dict[str, float]) -> dict[str, object]:
+def _columns(found: KFactor, k_before: float, alarm: dict[str, float]) -> dict[str, object]:
     names = ("probability", "probability_low", "probability_high")
     first = {"found": found.found, "draws": found.draws, "k_vertical": found.k, "k_low": found.low}
     first |= {"k_high": found.high, "inflation": found.high / k_before}

@@ -22,8 +22,8 @@ import numpy as np
 from scipy import stats
 
 from pl_mc.arrays import FloatArray
+from pl_mc.integrity_risk.k_factor.calibrated import NO_CHECK, RARE, KFactor
 from pl_mc.integrity_risk.k_factor.error_to_level_ratio import Ratio, RatioState
-from pl_mc.integrity_risk.k_factor.multiplier import NO_CHECK, RARE, Found
 from pl_mc.integrity_risk.rare.importance import importance_sampling
 from pl_mc.integrity_risk.rare.risk import judge
 from pl_mc.integrity_risk.rare.subset import (
@@ -217,7 +217,7 @@ def mean_curve(ladders: list[Ladder], target: float) -> ExceedanceCurve:
 class Calibrated:
     """A multiplier, and the curve that it comes from."""
 
-    found: Found
+    found: KFactor
     curve: ExceedanceCurve
 
 
@@ -243,7 +243,7 @@ def from_curve(
     k, low, high = curve.k_factor(target, confidence)
 
     def nothing(spent: int, note: str, checked: dict[str, float] = NO_CHECK) -> Calibrated:
-        return Calibrated(Found(np.nan, 0.0, np.inf, np.nan, 0.0, 1.0, RARE, spent, note, checked), curve)
+        return Calibrated(KFactor(np.nan, 0.0, np.inf, np.nan, 0.0, 1.0, RARE, spent, note, checked), curve)
 
     if not np.isfinite(k):
         return nothing(curve.evaluations, "no population of subset simulation came down to the target")
@@ -272,7 +272,7 @@ def from_curve(
         lower, upper = (
             float(np.interp(np.log(high), np.log(curve.k), values)) for values in curve.bounds(confidence)
         )
-    found = Found(k, low, high, reached, lower, min(upper, 1.0), RARE, spent, "; ".join(notes), checked)
+    found = KFactor(k, low, high, reached, lower, min(upper, 1.0), RARE, spent, "; ".join(notes), checked)
     return Calibrated(found, curve)
 
 

@@ -9,9 +9,9 @@ import numpy as np
 from pl_mc.alert import AlertLimits
 from pl_mc.faults import Faults
 from pl_mc.geometry.record import Geometry
+from pl_mc.integrity_risk.k_factor.calibrated import SMALLEST_FACTOR, exact_k_factor, exact_rates
 from pl_mc.integrity_risk.k_factor.error_to_level_ratio import RatioState, ratio_state
 from pl_mc.integrity_risk.k_factor.from_curve import climb_ratios, mean_curve
-from pl_mc.integrity_risk.k_factor.multiplier import SMALLEST_FACTOR, exact_k_factor, exact_rates
 from pl_mc.integrity_risk.rare.limit_state import all_axes
 from pl_mc.methods import Method
 from pl_mc.methods.capabilities import exact_law, require_k

@@ -22,6 +22,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
+from numpy.typing import NDArray
 
 from pl_mc.arrays import FloatArray
 from pl_mc.integrity_risk.k_factor.error_to_level_ratio import RatioLimit

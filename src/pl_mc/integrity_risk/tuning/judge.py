@@ -18,9 +18,9 @@ from pl_mc.alert import AlertLimits
 from pl_mc.arrays import FloatArray
 from pl_mc.faults import Faults
 from pl_mc.geometry.record import Geometry
+from pl_mc.integrity_risk.k_factor.calibrated import COUNTING, NO_CHECK, RARE, order_bounds
 from pl_mc.integrity_risk.k_factor.error_to_level_ratio import EXCEEDED, MISLEADING, ratio_state
 from pl_mc.integrity_risk.k_factor.from_curve import from_curve
-from pl_mc.integrity_risk.k_factor.multiplier import COUNTING, NO_CHECK, RARE, order_bounds
 from pl_mc.integrity_risk.tuning.objective import ALARMS, VPL, Draws, TuningProblem, cost, weighted_quantile
 from pl_mc.methods import Igg3
 from pl_mc.statistics.intervals import clopper_pearson, rate_columns

@@ -31,8 +31,8 @@ from pl_mc.engine.checks import (
 from pl_mc.faults import Faults, no_fault
 from pl_mc.geometry.record import Geometry
 from pl_mc.input_errors import InputError, require_choice, require_fraction, require_positive, require_whole
+from pl_mc.integrity_risk.k_factor.calibrated import fewest_draws
 from pl_mc.integrity_risk.k_factor.error_to_level_ratio import EVENTS, MISLEADING
-from pl_mc.integrity_risk.k_factor.multiplier import fewest_draws
 from pl_mc.integrity_risk.rare.risk import FEWEST_EVALUATIONS
 from pl_mc.integrity_risk.tuning.draws import weighted_noise
 from pl_mc.integrity_risk.tuning.judge import (

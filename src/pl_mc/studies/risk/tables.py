@@ -16,7 +16,7 @@ from pl_mc.faults import Faults, no_fault, ramps, require_satellite
 from pl_mc.geometry import Geometry
 from pl_mc.integrity_risk.budget.budget import risk_budget
 from pl_mc.integrity_risk.k_factor.calibrate import calibrate
-from pl_mc.integrity_risk.k_factor.multiplier import NO_LIMIT
+from pl_mc.integrity_risk.k_factor.calibrated import NO_LIMIT
 from pl_mc.integrity_risk.k_factor.worst_fault import neediest_fault
 from pl_mc.integrity_risk.rare.risk import risk
 from pl_mc.integrity_risk.worst.worst_case import worst_case

@@ -47,7 +47,7 @@ _TAIL = 200
 
 
 @dataclass(frozen=True)
-class Found:
+class KFactor:
     """A multiplier, bounds of it that each have the confidence, and the event's probability at the upper one.
 
     ``check`` has another estimator's, at the multiplier itself, with an interval of 95 %; missing where none ran.
@@ -66,7 +66,7 @@ class Found:
 
 
 # At an epoch without a solution there is no event, whatever the multiplier.
-ALWAYS_ALARMS = Found(0.0, 0.0, 0.0, 0.0, 0.0, 0.0, EXACT, 0)
+ALWAYS_ALARMS = KFactor(0.0, 0.0, 0.0, 0.0, 0.0, 0.0, EXACT, 0)
 
 
 def exact_rates(g: Geometry, faults: Faults, method: Method, alert: AlertLimits, k: float) -> pd.DataFrame:
@@ -78,7 +78,7 @@ def exact_rates(g: Geometry, faults: Faults, method: Method, alert: AlertLimits,
 
 def exact_k_factor(
     g: Geometry, fault: Faults, method: Method, event: str, alert: AlertLimits, target: float
-) -> tuple[Found, dict[str, float]]:
+) -> tuple[KFactor, dict[str, float]]:
     """Of a method with an exact law; ``g`` is a series over which the mean risk counts."""
     quantities, kept = ls_quantities(g), fault.applies(g)[:, 0]
     dof = quantities.dof[kept & quantities.available]
@@ -99,7 +99,7 @@ def exact_k_factor(
     else:
         k = _root_of(risk, target)
     at_k = risk(k) if k > 0 else risk(SMALLEST_FACTOR)
-    found = Found(k, k, k, at_k, at_k, at_k, EXACT, 0)
+    found = KFactor(k, k, k, at_k, at_k, at_k, EXACT, 0)
     before, after = (mean_rate(max(value, SMALLEST_FACTOR), "alarm") for value in (k_of(method), k))
     return found, alarm_columns((before, before, before), (after, after, after))
 
@@ -193,7 +193,7 @@ def drawn_ratios(
     return np.concatenate(units), np.concatenate(ratios)
 
 
-def counted(ratio: FloatArray, target: float, confidence: float, high: int, low: int) -> Found:
+def counted(ratio: FloatArray, target: float, confidence: float, high: int, low: int) -> KFactor:
     """The multiplier and its bounds as order statistics of the ratios."""
     descending = -np.sort(-ratio)
     middle = max(1, min(round(ratio.size * target), ratio.size))
@@ -203,7 +203,7 @@ def counted(ratio: FloatArray, target: float, confidence: float, high: int, low:
     # The bounds of an order statistic's exceedance probability are those of so many events in a fixed rank.
     bounds = [float(bound) for bound in clopper_pearson(events, ratio.size, confidence)]
     doubt = "" if np.isfinite(k_high) else "levels of zero are among the draws: no multiplier keeps the target"
-    return Found(k, k_low, k_high, events / ratio.size, bounds[0], bounds[1], COUNTING, ratio.size, doubt)
+    return KFactor(k, k_low, k_high, events / ratio.size, bounds[0], bounds[1], COUNTING, ratio.size, doubt)
 
 
 def bounds_of(row: pd.Series, confidence: float) -> tuple[float, float, float]:
@@ -234,7 +234,7 @@ def first_guess(ratio: FloatArray, target: float) -> float:
     return float(far * math.exp(0.5 * steep * max(decades, 0.0)))
 
 
-def searched(trial: Callable[[float], tuple[float, float, float, str]], first: float, target: float) -> Found:
+def searched(trial: Callable[[float], tuple[float, float, float, str]], first: float, target: float) -> KFactor:
     """The multiplier by estimates: bracket the target, narrow the bracket, then step to where the bounds clear it.
 
     ``trial`` gives for a multiplier the event's probability, its bounds, each at the confidence, and a warning.
@@ -255,7 +255,7 @@ def searched(trial: Callable[[float], tuple[float, float, float, str]], first: f
         low, high = low / _STRIDE, low
         if low < SMALLEST_FACTOR:
             value, lower, upper, warning = seen[high]
-            return Found(0.0, 0.0, 0.0, value, lower, upper, RARE, 0, warning)
+            return KFactor(0.0, 0.0, 0.0, value, lower, upper, RARE, 0, warning)
     k = high
     for _ in range(_MOST_TRIALS):
         if high / low < 1.0 + _TOLERANCE:
@@ -287,4 +287,4 @@ def searched(trial: Callable[[float], tuple[float, float, float, str]], first: f
     reached = seen[k_high] if math.isfinite(k_high) else seen[max(seen)]
     warnings.append(reached[3])
     note = "; ".join(dict.fromkeys(filter(None, warnings)))
-    return Found(k, k_low, k_high, reached[0], reached[1], reached[2], RARE, 0, note)
+    return KFactor(k, k_low, k_high, reached[0], reached[1], reached[2], RARE, 0, note)
