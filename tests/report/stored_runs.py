@@ -79,7 +79,7 @@ def store_run(
         notes=("Faulted satellite: G07.",),
     )
     document = write_findings(
-        findings, folder, title=title, kind=kind_of(record), question=study.question,
+        findings, folder, title=title, kind=kind_of(record), question=study.asks(record),
         answer=study.answer(findings.data, record), val_m=record.alert_limits().vertical_m,
     )  # fmt: skip
     manifest = {

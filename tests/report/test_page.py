@@ -22,6 +22,7 @@ from pl_mc.report.charts import charts_of
 from pl_mc.report.document import Document, FigureEntry, TableEntry
 from pl_mc.report.page import MOST_BYTES, page_figures, page_of_run, write_page
 from pl_mc.report.run_folder import RunFolder, flat_fields, read_run_folder
+from pl_mc.studies import sweep
 from pl_mc.studies.registry import KINDS, study_of
 from pl_mc.studies.spec import Experiment
 
@@ -203,10 +204,12 @@ def test_the_largest_results_stay_below_the_limit(name: str) -> None:
     assert text.count("<img ") == len(run.figures)
 
 
-def test_every_kind_asks_one_question() -> None:
-    for kind, study in KINDS.items():
-        assert study.question.endswith("?"), kind
-    assert len({study.question for study in KINDS.values()}) == len(KINDS)
+def test_every_kind_asks_a_question_of_its_own() -> None:
+    questions = [study.question for study in KINDS.values() if isinstance(study.question, str)]
+    questions += sweep.QUESTIONS.values()
+    assert len(questions) == len(KINDS) - 1 + 3
+    assert all(question.endswith("?") for question in questions)
+    assert len(set(questions)) == len(questions)
 
 
 def test_noise_models_are_told_beside_the_gaussian_one(tmp_path: Path) -> None:
