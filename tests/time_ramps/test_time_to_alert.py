@@ -9,7 +9,7 @@ import jax
 import numpy as np
 import pandas as pd
 import pytest
-from pl_mc.studies.time_ramps.text import comparable
+from pl_mc.studies.time_ramps.run import comparable
 
 import pl_mc
 from pl_mc.experiments.loading import build_experiment

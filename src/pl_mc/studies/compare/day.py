@@ -20,7 +20,7 @@ from pl_mc.faults import Faults, no_fault
 from pl_mc.geometry import Geometry
 from pl_mc.input_errors import InputError
 from pl_mc.methods import Method, WTest
-from pl_mc.methods.exclusion import LOCAL
+from pl_mc.methods.w_test import LOCAL
 from pl_mc.statistics.least_squares import ls_quantities
 from pl_mc.studies.spec import RampFaults, Strict, epochs_at
 
