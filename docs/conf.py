@@ -93,9 +93,7 @@ def _apart(app: Any, what: str, name: str, obj: Any, options: Any, lines: list[s
     lines[:] = apart
 
 
-def _names(
-    app: Any, what: str, name: str, obj: Any, options: Any, signature: str | None, returns: str | None
-) -> Any:
+def _names(app: Any, what: str, name: str, obj: Any, options: Any, signature: str | None, returns: str | None) -> Any:
     """Signatures with the names of types, where Sphinx shows how it keeps them."""
     return tuple(text and re.sub(r"TypeAliasForwardRef\('(\w+)'\)", r"\1", text) for text in (signature, returns))
 

@@ -208,6 +208,4 @@ def test_the_reader_of_imports_sees_them(tmp_path: Path) -> None:
         "pl_mc.service.sky:3 -> pl_mc.time_ramps.passes",
     ]
     assert circles(root) == [["pl_mc.engine.core", "pl_mc.kernels.weights"]]
-    assert between_rooms(root, "studies") == [
-        ("risk", "noise", "pl_mc.studies.risk.run:1 -> pl_mc.studies.noise.run")
-    ]
+    assert between_rooms(root, "studies") == [("risk", "noise", "pl_mc.studies.risk.run:1 -> pl_mc.studies.noise.run")]

@@ -13,13 +13,7 @@ from reference.problems import appendix_d, random_series
 
 SYSTEMS = "GGGGGCCC"
 IN_VIEW = np.array(
-    [
-        [1, 1, 1, 1, 1, 1, 1, 0],
-        [1, 0, 1, 1, 1, 0, 0, 0],
-        [1, 0, 0, 0, 0, 1, 1, 0],
-        [0, 0, 0, 0, 0, 0, 0, 0],
-    ],
-    dtype=bool,
+    [[1, 1, 1, 1, 1, 1, 1, 0], [1, 0, 1, 1, 1, 0, 0, 0], [1, 0, 0, 0, 0, 1, 1, 0], [0, 0, 0, 0, 0, 0, 0, 0]], dtype=bool
 )
 
 
@@ -33,12 +27,7 @@ def series():
 def plain():
     """Valid arguments of `Geometry.from_arrays`."""
     g = appendix_d()
-    return {
-        "design": g.design.copy(),
-        "sigma_m": g.sigma_m.copy(),
-        "systems": list(g.systems),
-        "names": list(g.names),
-    }
+    return {"design": g.design.copy(), "sigma_m": g.sigma_m.copy(), "systems": list(g.systems), "names": list(g.names)}
 
 
 def with_value(array, place, value):

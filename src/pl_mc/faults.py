@@ -90,9 +90,7 @@ class Faults:
 def fault_label(bias_by_name: Mapping[str, float]) -> str:
     """``G02:+30m,C11:-20m``; ``none`` where every bias is zero."""
     # To the nanometre, so that 0.1 + 0.2 reads as it was meant.
-    parts = [
-        f"{name}:{plain_number(round(float(bias), 9), sign=True)}m" for name, bias in bias_by_name.items() if bias
-    ]
+    parts = [f"{name}:{plain_number(round(float(bias), 9), sign=True)}m" for name, bias in bias_by_name.items() if bias]
     return ",".join(parts) or NO_FAULT
 
 

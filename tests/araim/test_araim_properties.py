@@ -109,9 +109,7 @@ def test_the_risk_equation_holds_at_the_level():
     for excluded, p, threshold in zip(found.excluded, found.probability, found.threshold_m[:, 2], strict=True):
         without = variance(everyone & ~excluded[:11])
         # With weights of the accuracy model the separation's variance is a difference of variances.
-        assert threshold == pytest.approx(
-            stats.norm.isf(3.9e-6 / 22) * np.sqrt(without - variance(everyone)), rel=1e-7
-        )
+        assert threshold == pytest.approx(stats.norm.isf(3.9e-6 / 22) * np.sqrt(without - variance(everyone)), rel=1e-7)
         risk += p * stats.norm.sf((found.vpl_m - threshold) / np.sqrt(without))
     assert risk == pytest.approx(9.8e-8 * (1 - found.p_not_monitored / 1e-7), rel=1e-6)
 

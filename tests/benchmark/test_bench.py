@@ -261,14 +261,7 @@ def test_a_benchmark_tells_rates_ratios_and_exactness(bench):
     assert {(d.method, d.event) for d in record.disagreements} == {
         (method, event.name) for method in ("ls", "igg3") for event in EVENTS
     }
-    for word in (
-        "pl_mc.sweep",
-        "batched NumPy",
-        "hand-written kernel",
-        "first call [s]",
-        "float32",
-        "load average",
-    ):
+    for word in ("pl_mc.sweep", "batched NumPy", "hand-written kernel", "first call [s]", "float32", "load average"):
         assert word in text
 
 

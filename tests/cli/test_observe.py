@@ -28,8 +28,7 @@ def esbjerg(data_folder: Path) -> tuple[str, str]:
 
 # 95 % of |E|, |N|, |U| [m] of single-point solutions with the same error model, from the README of the data.
 @pytest.mark.parametrize(
-    ("systems", "expected_m"),
-    [("G,C", (0.99, 1.36, 1.76)), ("G", (1.46, 2.39, 2.97)), ("C", (0.68, 1.58, 2.34))],
+    ("systems", "expected_m"), [("G,C", (0.99, 1.36, 1.76)), ("G", (1.46, 2.39, 2.97)), ("C", (0.68, 1.58, 2.34))]
 )
 def test_accuracy_on_the_static_day(
     tmp_path: Path, esbjerg: tuple[str, str], systems: str, expected_m: tuple[float, float, float]
@@ -92,11 +91,7 @@ def test_the_car_data_run(tmp_path: Path, data_folder: Path) -> None:
     ],
 )
 def test_what_observe_refuses(
-    tmp_path: Path,
-    esbjerg: tuple[str, str],
-    capsys: pytest.CaptureFixture[str],
-    options: list[str],
-    words: str,
+    tmp_path: Path, esbjerg: tuple[str, str], capsys: pytest.CaptureFixture[str], options: list[str], words: str
 ) -> None:
     with pytest.raises(SystemExit) as stop:
         main(["observe", *esbjerg, "--truth", ESBC_TRUTH, *options, "--out", str(tmp_path / "out")])
@@ -120,8 +115,7 @@ def test_a_check_names_every_missing_file_by_its_field(tmp_path: Path) -> None:
     path.write_text("".join(f"{field} = {json.dumps(value)}\n" for field, value in fields.items()))
     problems = check_experiment(str(path)).problems
     assert [(problem.field, problem.line, problem.reason) for problem in problems] == [
-        (name, line, f"{name}.rnx: there is no such file.")
-        for line, name in ((3, "observations"), (4, "navigation"))
+        (name, line, f"{name}.rnx: there is no such file.") for line, name in ((3, "observations"), (4, "navigation"))
     ]
 
 

@@ -232,9 +232,7 @@ def test_a_stopped_run_goes_on_where_it_was(
         assert (folder / "again" / table).read_text() == (folder / "whole" / table).read_text()
 
 
-def test_shares_are_merged(
-    folder: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_shares_are_merged(folder: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(plan, "SCENARIOS_PER_CALL", 1)
     monkeypatch.setattr(plan, "CALLS_PER_PART", 3)
     main(["run", "small.toml", "--draws", "3000", "--out", "whole"])

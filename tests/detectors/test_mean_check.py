@@ -146,9 +146,7 @@ def test_thresholds_are_student_quantiles() -> None:
 def test_types_are_kept() -> None:
     design, sigma, systems, observed = sky(9)
     for test in (MeanCheck("shared_clock"),):
-        found = verdict(
-            test, design.astype(np.float32), sigma.astype(np.float32), systems, observed.astype(np.float32)
-        )
+        found = verdict(test, design.astype(np.float32), sigma.astype(np.float32), systems, observed.astype(np.float32))
         assert found.statistic.dtype == found.error_m.dtype == found.threshold.dtype == jnp.float32
         assert np.all(np.isfinite(found.statistic))
 

@@ -39,9 +39,7 @@ def test_links_lead_somewhere(text: Path) -> None:
         assert (text.parent / target).exists(), target
 
 
-@pytest.mark.parametrize(
-    "folder", sorted({path.parent for path in RESULTS.glob("*/summary.md")}), ids=lambda p: p.name
-)
+@pytest.mark.parametrize("folder", sorted({path.parent for path in RESULTS.glob("*/summary.md")}), ids=lambda p: p.name)
 def test_files_that_a_summary_names_are_there(folder: Path) -> None:
     for name in named_in(folder / "summary.md"):
         assert (folder / name).is_file(), name

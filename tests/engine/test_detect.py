@@ -41,9 +41,9 @@ def table(g: Geometry) -> pd.DataFrame:
 
 def cut(g: Geometry, gps: int, bds: int) -> Geometry:
     """The first satellites of both systems of an epoch."""
-    rows = [k for k, s in enumerate(g.systems) if s == "G"][:gps] + [
-        k for k, s in enumerate(g.systems) if s == "C"
-    ][:bds]
+    rows = [k for k, s in enumerate(g.systems) if s == "G"][:gps] + [k for k, s in enumerate(g.systems) if s == "C"][
+        :bds
+    ]
     design = g.design[rows]
     return Geometry.from_arrays(
         design[:, design.any(axis=0)], g.sigma_m[rows], [g.systems[k] for k in rows], [g.names[k] for k in rows]
@@ -137,11 +137,7 @@ def test_examine_sees_what_detect_counts(g: Geometry) -> None:
 @pytest.mark.parametrize(
     ("gps", "bds", "words"),
     [
-        (
-            6,
-            0,
-            "mean_check: it is not defined at this epoch: BeiDou has no satellite .*without it there is chi2",
-        ),
+        (6, 0, "mean_check: it is not defined at this epoch: BeiDou has no satellite .*without it there is chi2"),
         (6, 1, "mean_check: .* BeiDou has a single satellite"),
         (3, 2, "n = t"),
     ],

@@ -67,9 +67,7 @@ def test_two_devices_count_as_one():
     )  # fmt: skip
     assert done.returncode == 0, done.stderr
     refused, alarms = done.stdout.splitlines()
-    assert refused.startswith(
-        "devices: 3 were asked for, but JAX finds 2 (cpu); for more devices on a processor set"
-    )
+    assert refused.startswith("devices: 3 were asked for, but JAX finds 2 (cpu); for more devices on a processor set")
     # One device among two counts as the only one.
     with cut(2):
         expected = small.run(methods=("ls",), workers=1)["alarms"].tolist()
@@ -77,9 +75,7 @@ def test_two_devices_count_as_one():
 
 
 def test_more_devices_than_there_are():
-    with pytest.raises(
-        InputError, match=rf"devices: 4096 were asked for, but JAX finds {jax.local_device_count()} "
-    ):
+    with pytest.raises(InputError, match=rf"devices: 4096 were asked for, but JAX finds {jax.local_device_count()} "):
         small.run(devices=4096)
     with pytest.raises(InputError, match=r"devices: a whole number of at least 1 is needed, not 0\."):
         small.run(devices=0)

@@ -288,9 +288,7 @@ def test_resuming_on_another_machine_is_refused(tmp_path, monkeypatch):
         before = small.contents(tmp_path)
         there = identity.environment() | {"instruction set": "aarch64 asimd"}
         monkeypatch.setattr(identity, "environment", lambda: there)
-        with pytest.raises(
-            InputError, match=r"cannot be resumed \(instruction set: .* before, aarch64 asimd now\)"
-        ):
+        with pytest.raises(InputError, match=r"cannot be resumed \(instruction set: .* before, aarch64 asimd now\)"):
             small.run(folder=tmp_path, resume=True)
         assert small.contents(tmp_path) == before
 

@@ -249,10 +249,7 @@ def test_finished_parts_are_not_overwritten(finished):
     folder = finished[1]
     before = small.contents(folder)
     for options in ({}, {"seed": 3}):
-        with (
-            cut(2),
-            pytest.raises(InputError, match=r"12 finished parts of an earlier run are here; resume it, or"),
-        ):
+        with cut(2), pytest.raises(InputError, match=r"12 finished parts of an earlier run are here; resume it, or"):
             small.run(folder=folder, **options)
     assert small.contents(folder) == before
 
@@ -331,9 +328,7 @@ def test_a_disk_that_is_full_in_earnest(finished, tmp_path):
     mount("-t", "tmpfs", "-o", f"size={size // 2 // 4096 * 4096}", "tmpfs")
     try:
         with cut(2):
-            with pytest.raises(
-                InputError, match=r"part-0000\d\d\.parquet: it cannot be written \(no space left on"
-            ):
+            with pytest.raises(InputError, match=r"part-0000\d\d\.parquet: it cannot be written \(no space left on"):
                 small.run(folder=here)
             kept = small.contents(here)
             assert 1 < len(kept) < PARTS + 1

@@ -125,8 +125,7 @@ def test_every_draw_is_counted_as_the_formulas_say():
                     continue
                 bias = faults.bias_m[k][[g.names.index(name) for name in one.names]]
                 found = counted(
-                    (solver(one.design, one.sigma_m, errors) for errors in (noise + bias[:, None]).T),
-                    alert.vertical_m,
+                    (solver(one.design, one.sigma_m, errors) for errors in (noise + bias[:, None]).T), alert.vertical_m
                 )
                 assert row[list(found)].iloc[0].to_dict() == found, (method.name, epoch, label)
     # Five satellites for five unknowns at the last epoch.
@@ -166,9 +165,7 @@ def test_single_draws_are_those_that_are_counted():
     shift = faulted["up_m"].to_numpy() - free["up_m"].to_numpy()
     np.testing.assert_allclose(shift, shift[0], rtol=1e-9)
     one = g[0]
-    expected = [
-        reference.least_squares(one.design, one.sigma_m, errors).x[:3] for errors in draws_of(one, seed, 20).T
-    ]
+    expected = [reference.least_squares(one.design, one.sigma_m, errors).x[:3] for errors in draws_of(one, seed, 20).T]
     np.testing.assert_allclose(free[["east_m", "north_m", "up_m"]][:20], expected, rtol=0, atol=1e-9)
 
 

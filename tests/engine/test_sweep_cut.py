@@ -38,10 +38,7 @@ def expected() -> pd.DataFrame:
     return EXPECTED
 
 
-@given(
-    per_call=st.sampled_from([1, 4 * LANES, 9 * LANES, 26 * LANES, 2**20]),
-    workers=st.sampled_from([1, 2, 5, None]),
-)
+@given(per_call=st.sampled_from([1, 4 * LANES, 9 * LANES, 26 * LANES, 2**20]), workers=st.sampled_from([1, 2, 5, None]))
 @settings(max_examples=6)
 def test_any_cut_and_any_number_of_threads(per_call, workers):
     with pytest.MonkeyPatch.context() as patch:

@@ -113,9 +113,7 @@ def test_epochs_without_redundancy_are_unavailable_and_nothing_else(table):
 
 def test_a_collapse_of_the_weights_is_unavailable_and_nothing_else(table):
     """Scale 1 and 300 m: hardly any weight is left."""
-    lost = table.query("method == 'igg3(iterations=2,scale=apriori)' and fault == 'C08:+300m' and epoch == 0").iloc[
-        0
-    ]
+    lost = table.query("method == 'igg3(iterations=2,scale=apriori)' and fault == 'C08:+300m' and epoch == 0").iloc[0]
     assert lost["unavailable"] > 900
     np.testing.assert_array_equal(
         lost["alarms"], lost["unavailable"] + lost["false_alarms"] + lost["hazards"] - lost["missed"]

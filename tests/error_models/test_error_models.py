@@ -139,9 +139,7 @@ def test_user_without_options_is_residual():
 
 
 def test_user_options_fill_their_own_terms():
-    model = error_model(
-        "user", sigma0_gps_m=0.8, sigma0_bds_geo_m=2, vertical_ionosphere_m=0, zenith_troposphere_m=0
-    )
+    model = error_model("user", sigma0_gps_m=0.8, sigma0_bds_geo_m=2, vertical_ionosphere_m=0, zenith_troposphere_m=0)
     got = model.sigma_m(sky(np.array(["GPS", "BDS-GEO", "BDS-MEO"]), 90.0))
     np.testing.assert_allclose(got, [0.8, 2.0, 0.6])
     assert model.describe() == {

@@ -15,13 +15,7 @@ from pl_mc.geometry.record import UP
 from pl_mc.input_errors import InputError
 from pl_mc.methods import MaxDop, Slope, WTest
 from pl_mc.statistics import clopper_pearson
-from pl_mc.studies.compare.day import (
-    DAY,
-    WORST,
-    comparable_elsewhere,
-    further_geometries,
-    significance_of_largest,
-)
+from pl_mc.studies.compare.day import DAY, WORST, comparable_elsewhere, further_geometries, significance_of_largest
 from pl_mc.studies.compare.tables import mean_rates, orders
 from pl_mc.studies.spec import RampFaults
 

@@ -96,11 +96,7 @@ def test_a_map_sums_what_the_sweep_counts(tmp_path: Path) -> None:
 
 
 def test_a_ramp_of_satellites_needs_one_epoch(tmp_path: Path) -> None:
-    content = SMALL | {
-        "view": "satellites",
-        "draws_per_satellite": 5,
-        "faults": SMALL["faults"] | {"satellite": "G02"},
-    }
+    content = SMALL | {"view": "satellites", "draws_per_satellite": 5, "faults": SMALL["faults"] | {"satellite": "G02"}}
     with pytest.raises(InputError, match=r"geometry\.epoch"):
         run_experiment("small", build_experiment(content, source="test"), tmp_path / "out")
     assert list(tmp_path.iterdir()) == []
@@ -112,11 +108,7 @@ SATELLITES = {"view": "satellites", "draws_per_satellite": 5, "geometry": {"epoc
 @pytest.mark.parametrize(
     ("changes", "field", "words"),
     [
-        (
-            {"draws_per_satellite": 5},
-            "draws_per_satellite",
-            "in the view faults (nearest: view = 'satellites'), not 5",
-        ),
+        ({"draws_per_satellite": 5}, "draws_per_satellite", "in the view faults (nearest: view = 'satellites'), not 5"),
         ({"view": "map", "draws_per_satellite": 5}, "draws_per_satellite", "in the view map"),
         ({"view": "satellites", "geometry": {"epoch": 1}}, "draws_per_satellite", "field required"),
         (SATELLITES | {"geometry": {"epochs": 3}}, "geometry.epoch", "one epoch of 0 to 2 (nearest: 2), not None"),
@@ -124,11 +116,7 @@ SATELLITES = {"view": "satellites", "draws_per_satellite": 5, "geometry": {"epoc
         ({}, "faults.satellite", "field required"),
         (SATELLITES, "faults.satellite", "field required"),
         (SATELLITES | {"faults": {"biases": [{}]}}, "faults.biases", "view satellites (nearest: view = 'faults')"),
-        (
-            {"view": "map", "faults": {"biases": [{}]}},
-            "faults.biases",
-            "in the view map (nearest: view = 'faults')",
-        ),
+        ({"view": "map", "faults": {"biases": [{}]}}, "faults.biases", "in the view map (nearest: view = 'faults')"),
         ({"view": "map", "faults": SMALL["faults"] | {"satellite": "G02"}}, "faults.satellite", "not 'G02'"),
         ({"view": "map", "faults": {"start_m": 1.0, "stop_m": 2.0}}, "faults.step_m", "field required"),
         ({"view": "map", "faults": SMALL["faults"] | {"stepm": 1.0}}, "faults.stepm", "nearest: step_m"),
@@ -152,10 +140,7 @@ def small_of(view: str) -> dict[str, Any]:
     """A small experiment of a view."""
     if view == "map":
         return SMALL | {"view": "map"}
-    of_one = SMALL | {
-        "geometry": SMALL["geometry"] | {"epoch": 1},
-        "faults": SMALL["faults"] | {"satellite": "G20"},
-    }
+    of_one = SMALL | {"geometry": SMALL["geometry"] | {"epoch": 1}, "faults": SMALL["faults"] | {"satellite": "G20"}}
     return of_one | ({"view": view, "draws_per_satellite": 50} if view == "satellites" else {})
 
 

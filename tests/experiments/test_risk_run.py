@@ -163,9 +163,7 @@ def test_the_risk_experiment(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) ->
             drawn = pl_mc.sample(g, both, draws=300, seed=5, methods=["igg3"], alert=limit)
             np.testing.assert_allclose(alarm.loc[[0.0, 20.0]], drawn.groupby("fault", sort=False).alarm.mean())
         else:
-            np.testing.assert_allclose(
-                alarm.loc[[0.0, 20.0]], pl_mc.exact.ls_rates(g, both, alert=limit).alarm_rate
-            )
+            np.testing.assert_allclose(alarm.loc[[0.0, 20.0]], pl_mc.exact.ls_rates(g, both, alert=limit).alarm_rate)
     budget = read["budgets"]
     total = budget[budget["mode"] == "total"].risk_per_approach.iloc[0]
     assert total == pytest.approx(budget[budget["mode"] != "total"].risk_per_approach.sum())

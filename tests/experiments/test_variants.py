@@ -111,9 +111,7 @@ def test_the_table_is_complete_and_least_squares_in_it_is_exact(out: Path) -> No
     worst_p = 1.0
     for row in table[(table.variant == "ls") & (table.fault_class != "none")].itertuples():
         g = the_epoch(row.epoch)
-        named = faults[(faults.geometry == row.geometry) & (faults.fault_class == row.fault_class)].satellites.iloc[
-            0
-        ]
+        named = faults[(faults.geometry == row.geometry) & (faults.fault_class == row.fault_class)].satellites.iloc[0]
         fault = pl_mc.biases(g, dict.fromkeys(named.split(), row.bias_m))
         exact = pl_mc.exact.ls_rates(g, fault, alert=pl_mc.LPV_200).iloc[0]
         for event, count in (("alarm", row.alarms), ("misleading", row.misleading), ("exceeded", row.exceeded)):
@@ -164,9 +162,7 @@ def test_figures_and_worst_rates(out: Path) -> None:
     table, worst = read(out, "variants"), read(out, "worst")
     for row in worst[worst.event == "misleading"].itertuples():
         ramp = table[
-            (table.variant == row.variant)
-            & (table.geometry == row.geometry)
-            & (table.fault_class == row.fault_class)
+            (table.variant == row.variant) & (table.geometry == row.geometry) & (table.fault_class == row.fault_class)
         ]
         assert row.rate == ramp.misleading_rate.max()
         assert row.low <= row.rate <= row.high
@@ -237,9 +233,7 @@ def test_bad_input_is_one_sentence(changes: dict, words: str, tmp_path: Path) ->
     assert list(tmp_path.iterdir()) == []
 
 
-@pytest.mark.parametrize(
-    ("options", "words"), [({"gate": "lss"}, "gate: .*nearest: ls"), ({"p_fa": 0.0}, "p_fa: a")]
-)
+@pytest.mark.parametrize(("options", "words"), [({"gate": "lss"}, "gate: .*nearest: ls"), ({"p_fa": 0.0}, "p_fa: a")])
 def test_bad_gates(options: dict, words: str) -> None:
     with pytest.raises(InputError, match=words):
         method("igg3_gated", **options)

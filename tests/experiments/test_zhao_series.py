@@ -303,20 +303,11 @@ def test_a_receivers_results_do_not_say_where_its_files_lie(
         ({"source": {"kind": "boat"}}, "test: source: its kind is one of site, flight, receiver"),
         ({"source": {}}, "test: source: its kind is one of site, flight, receiver"),
         ({"source": {"kind": "site", "epoch": 3}}, "test: source.epoch: input should be None, not 3."),
-        (
-            {"source": {"kind": "site", "sight": "CUT0"}},
-            "test: source.sight: there is no such field (nearest: site",
-        ),
+        ({"source": {"kind": "site", "sight": "CUT0"}}, "test: source.sight: there is no such field (nearest: site"),
         ({"faults": {"windows": []}}, "test: faults.windows: tuple should have at least 1 item"),
         ({"faults": {"windows": [[9, 5]]}}, "test: faults.windows: windows go from a first to a last epoch"),
-        (
-            {"faults": {"windows": [[1, 5], [5, 9]]}},
-            "test: faults.windows: windows go from a first to a last epoch",
-        ),
-        (
-            {"faults": {"windows": [[1, 5]], "highest_m": 4.0}},
-            "test: faults.highest_m: it is at least lowest_m, 5 m",
-        ),
+        ({"faults": {"windows": [[1, 5], [5, 9]]}}, "test: faults.windows: windows go from a first to a last epoch"),
+        ({"faults": {"windows": [[1, 5]], "highest_m": 4.0}}, "test: faults.highest_m: it is at least lowest_m, 5 m"),
         ({"faults": {"windows": [[1, 5]], "size": "each"}}, "test: faults.size: input should be 'every_epoch' or"),
         ({"methods": [{"name": "ls"}]}, "test: methods: two methods are needed"),
         ({"compare": "table"}, "test: compare: input should be 'static' or 'dynamic'"),
@@ -345,9 +336,7 @@ def test_missing_receiver_files_name_the_variable(tmp_path: Path, monkeypatch: p
     experiment = load_experiment("zhao2021-static-esbc")[1]
     monkeypatch.chdir(tmp_path)
     monkeypatch.delenv("PL_MC_DATA", raising=False)
-    with pytest.raises(
-        pl_mc.InputError, match=r"source.observations: ESBC.*let the environment variable PL_MC_DATA"
-    ):
+    with pytest.raises(pl_mc.InputError, match=r"source.observations: ESBC.*let the environment variable PL_MC_DATA"):
         run_experiment("missing", experiment, tmp_path / "out")
     monkeypatch.setenv("PL_MC_DATA", str(tmp_path))
     with pytest.raises(pl_mc.InputError, match=r"which the environment variable PL_MC_DATA names"):

@@ -97,8 +97,7 @@ def calls() -> Mapping[str, Call]:
         "AlertLimits": Call(pl_mc.AlertLimits, {"name": "mine", "vertical_m": 35.0, "horizontal_m": 40.0}),
         "reliability": Call(lambda **fields: pl_mc.reliability(g, **fields), {"p_fa": 1e-3, "power": 0.8}),
         "exact.ls_rates": Call(
-            lambda **fields: pl_mc.exact.ls_rates(g, **fields),
-            {"faults": pl_mc.no_fault(g), "alert": pl_mc.LPV_200},
+            lambda **fields: pl_mc.exact.ls_rates(g, **fields), {"faults": pl_mc.no_fault(g), "alert": pl_mc.LPV_200}
         ),
         "parse_injection": Call(parse_injection, {"text": "G02:+30m:545-645"}),
         "noise_model": Call(pl_mc.noise_model, {"name": "student_t", "nu": 5.0}),

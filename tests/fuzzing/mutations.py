@@ -95,11 +95,7 @@ def swap_fields(content: bytes, rng: Generator) -> bytes:
         return content
     j, k = sorted(int(one) for one in rng.choice(len(found), 2, replace=False))
     first, second = found[j], found[k]
-    before, between, after = (
-        content[: first.start()],
-        content[first.end() : second.start()],
-        content[second.end() :],
-    )
+    before, between, after = (content[: first.start()], content[first.end() : second.start()], content[second.end() :])
     return before + second[0] + between + first[0] + after
 
 

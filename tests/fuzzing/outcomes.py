@@ -186,9 +186,7 @@ def outcomes(wanted: Iterable[Case], limit_s: float = LIMIT_S, program: str | Pa
 
 
 def _start(program: str | Path) -> subprocess.Popen[bytes]:
-    process = subprocess.Popen(
-        [sys.executable, str(program)], stdin=subprocess.PIPE, stdout=subprocess.PIPE, bufsize=0
-    )
+    process = subprocess.Popen([sys.executable, str(program)], stdin=subprocess.PIPE, stdout=subprocess.PIPE, bufsize=0)
     # The start is not part of any case.
     assert _line(process, 120.0) == b"ready\n"
     return process

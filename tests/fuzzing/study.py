@@ -63,9 +63,7 @@ def main() -> None:
         if len(bad):
             write_table(bad.drop(columns="seconds"), folder, "findings")
         save_figure(figure(table), folder, "fuzz")
-        (folder / "summary.md").write_text(
-            summary(table, seconds, found.seconds.max(), options.seed), encoding="utf-8"
-        )
+        (folder / "summary.md").write_text(summary(table, seconds, found.seconds.max(), options.seed), encoding="utf-8")
     print(summary(table, seconds, found.seconds.max(), options.seed))
     print(json.dumps(bad.drop(columns="seconds").to_dict("records"), indent=1)[:20_000])
 

@@ -101,9 +101,7 @@ def _evaluate_here(
     try:
         return rtklib_worker.evaluate(pyrtklib, *map(str, paths), dict.fromkeys(systems, 7200.0))
     except Exception as error:
-        raise InputError(
-            f"{observation_path} and {navigation_path}: RTKLIB cannot evaluate them ({error})."
-        ) from error
+        raise InputError(f"{observation_path} and {navigation_path}: RTKLIB cannot evaluate them ({error}).") from error
 
 
 def _series(observations: Path, navigation: Path, systems: tuple[str, ...]) -> Read:
@@ -186,9 +184,7 @@ def _manifest(path: Path) -> Read:
 
 def _toml(kind: str) -> bytes:
     """Small experiments that the check builds in no time."""
-    geometry = (
-        '[geometry]\nsite = "CUT0"\nstart = "2017-11-21T00:00:00"\nepochs = 4\ninterval_s = 30.0\nepoch = 2\n'
-    )
+    geometry = '[geometry]\nsite = "CUT0"\nstart = "2017-11-21T00:00:00"\nepochs = 4\ninterval_s = 30.0\nepoch = 2\n'
     head = f'kind = "{kind}"\ntitle = "A title"\nalert = "LPV-200"\nseed = 7\nprecision = "float64"\n'
     methods = '\n[[methods]]\nname = "ls"\n\n[[methods]]\nname = "igg3"\nk0 = 1.5\nk1 = 3.0\n'
     faults = '\n[faults]\nsatellite = "G01"\nstart_m = 5.0\nstop_m = 100.0\nstep_m = 5.0\n'

@@ -87,8 +87,7 @@ def test_the_judge_tells_outcomes_apart(outcome: str, tmp_path: Path, monkeypatc
 
 
 @pytest.mark.parametrize(
-    ("program", "outcome"),
-    [("import time; time.sleep(100)", "hang"), ("import os; os.kill(os.getpid(), 9)", "crash")],
+    ("program", "outcome"), [("import time; time.sleep(100)", "hang"), ("import os; os.kill(os.getpid(), 9)", "crash")]
 )
 def test_hangs_and_crashes_end_a_process_and_not_the_study(program: str, outcome: str, tmp_path: Path) -> None:
     path = tmp_path / "program.py"

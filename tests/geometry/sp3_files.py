@@ -52,8 +52,7 @@ def constellation(gps: int = 12, galileo: int = 6) -> dict[str, Orbit]:
     """Satellites of all kinds, two of Galileo in eccentric orbits; names are in the order of a file."""
     medium, synchronous = np.radians(55.0), 42_164e3
     orbits = {
-        f"G{k + 1:02d}": Orbit(26_560e3, 0.002 * (k % 8), medium, np.pi / 3 * k, 0.7 * k, 2.1 * k)
-        for k in range(gps)
+        f"G{k + 1:02d}": Orbit(26_560e3, 0.002 * (k % 8), medium, np.pi / 3 * k, 0.7 * k, 2.1 * k) for k in range(gps)
     }
     orbits |= {
         f"E{k + 1:02d}": Orbit(29_600e3, 0.16 if k < 2 else 1e-4, medium, 2.1 * k, 0.3 * k, 1.3 * k)

@@ -66,9 +66,7 @@ def test_the_week_is_the_one_nearest_to_the_simulation(tmp_path):
 
 def test_a_simulation_with_an_almanac(tmp_path):
     path = written(tmp_path, yuma(elements(32, seed=3)))
-    g = pl_mc.simulate(
-        site="CUT0", start=START, epochs=4, constellations=("GPS", "BDS-2"), almanac=path, without="G05"
-    )
+    g = pl_mc.simulate(site="CUT0", start=START, epochs=4, constellations=("GPS", "BDS-2"), almanac=path, without="G05")
     assert "G04" not in g.names
     assert "G05" not in g.names
     nominal = pl_mc.simulate(site="CUT0", start=START, epochs=4, constellations=("GPS", "BDS-2"))
@@ -88,18 +86,12 @@ def test_a_simulation_with_an_almanac(tmp_path):
             yuma(elements(1)).replace("Eccentricity", "Excentricity"),
             "line 1: the record of a satellite lacks eccentricity",
         ),
-        (
-            yuma(elements(2)).replace("PRN-02", "PRN-01").replace(": " + " " * 24 + "02", ": 1"),
-            "PRN 1 appears twice",
-        ),
+        (yuma(elements(2)).replace("PRN-02", "PRN-01").replace(": " + " " * 24 + "02", ": 1"), "PRN 1 appears twice"),
         (yuma(elements(1)).replace("5153", "51x3"), "line 8: a number is needed"),
         (yuma(elements(1)).replace("Health:                     000", "Health: 063"), "no healthy satellite"),
         (sem(elements(3))[:-40], "is it cut short"),
         (sem(elements(3)).replace("03 CURRENT", "05 CURRENT"), "promises 5 satellites"),
-        (
-            yuma(elements(1)).replace("SQRT(A)  (m 1/2):           5", "SQRT(A)  (m 1/2):           9"),
-            "root_axis is 9",
-        ),
+        (yuma(elements(1)).replace("SQRT(A)  (m 1/2):           5", "SQRT(A)  (m 1/2):           9"), "root_axis is 9"),
         ("\0" * 10, "binary data"),
     ],
 )

@@ -53,11 +53,7 @@ def test_moving_satellites_never_share_a_place():
 def test_gps_slots_are_the_performance_standard_s():
     """SPS performance standard 2001, table 3-1, three of its slots: A1, D3 and F4."""
     slots = {slot.name: slot for slot in CONSTELLATIONS["GPS"]()}
-    for name, raan_deg, argument_deg in (
-        ("G01", 272.847, 268.126),
-        ("G15", 92.847, 35.156),
-        ("G24", 212.847, 135.346),
-    ):
+    for name, raan_deg, argument_deg in (("G01", 272.847, 268.126), ("G15", 92.847, 35.156), ("G24", 212.847, 135.346)):
         assert np.degrees(slots[name].raan_rad) == pytest.approx(raan_deg)
         assert np.degrees(slots[name].argument_of_latitude_rad) == pytest.approx(argument_deg)
     assert slots["G01"].semi_major_axis_m == 26_559_700.0

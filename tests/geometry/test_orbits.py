@@ -51,8 +51,7 @@ def test_geostationary_satellites_stand_still_at_their_longitude(name, longitude
 
 
 @pytest.mark.parametrize(
-    ("names", "longitude_deg"),
-    [(("C06", "C07", "C08"), 118.0), (("C09", "C10"), 95.0), (("C43", "C44", "C45"), 118.0)],
+    ("names", "longitude_deg"), [(("C06", "C07", "C08"), 118.0), (("C09", "C10"), 95.0), (("C43", "C44", "C45"), 118.0)]
 )
 def test_inclined_satellites_cross_the_equator_at_their_longitude(names, longitude_deg):
     """Both crossings, northward and southward, of a figure of eight lie at one longitude."""
@@ -85,9 +84,7 @@ def test_beidou_3_crosses_four_hours_from_beidou_2():
 
 
 def test_ground_tracks_repeat_after_a_sidereal_day():
-    now, later = satellite_positions_m(
-        constellation_slots(["GPS", "BDS-2"]), START_S + np.array([0, SIDEREAL_DAY_S])
-    )
+    now, later = satellite_positions_m(constellation_slots(["GPS", "BDS-2"]), START_S + np.array([0, SIDEREAL_DAY_S]))
     moved = angle_deg(now, later)
     # GPS comes back but for the 9 to 10 s that its radius gains on a round Earth.
     assert moved[:24].max() < 0.1

@@ -89,11 +89,7 @@ def test_the_bound_of_do_229_alone_exceeds_the_alert_limit():
 
 def test_beidou_2_and_3_share_one_clock_after_gps_and_before_galileo():
     g = simulate(
-        site="JFNG",
-        start="2020-12-01",
-        epochs=24,
-        interval_s=3600.0,
-        constellations=["GAL", "BDS-3", "GPS", "BDS-2"],
+        site="JFNG", start="2020-12-01", epochs=24, interval_s=3600.0, constellations=["GAL", "BDS-3", "GPS", "BDS-2"]
     )
     assert g.clocks == ("G", "C", "E")
     assert g.design.shape[2] == 6

@@ -271,9 +271,7 @@ def test_estimated_budget_agrees_with_the_exact_one() -> None:
     common = risk_budget(g, pairs=0, constellation="common", estimator=_stand_in(g)).set_index("failed")
     assert common.loc["GPS", "probability"] == common["probability"].iloc[0]
     assert common.loc["GPS,E10", "probability"] == common.loc["E10", "probability"]
-    drawn = risk_budget(g, pairs=0, p_const=0.0, bias=("uniform", 5, 100), estimator=_stand_in(g)).set_index(
-        "failed"
-    )
+    drawn = risk_budget(g, pairs=0, p_const=0.0, bias=("uniform", 5, 100), estimator=_stand_in(g)).set_index("failed")
     full = risk_budget(g, pairs=0, p_const=0.0, bias=("uniform", 5, 100)).set_index("failed")
     # Sixteen sizes instead of four hundred.
     assert drawn.loc["G03", "probability"] == pytest.approx(full.loc["G03", "probability"], rel=0.2)

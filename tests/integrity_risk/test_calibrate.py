@@ -95,9 +95,7 @@ def test_a_target_that_every_k_factor_keeps() -> None:
 
 
 @settings(max_examples=60)
-@given(
-    draws=st.integers(1, 10**7), log_target=st.floats(-7, -0.1), confidence=st.sampled_from([0.5, 0.8, 0.95, 0.999])
-)
+@given(draws=st.integers(1, 10**7), log_target=st.floats(-7, -0.1), confidence=st.sampled_from([0.5, 0.8, 0.95, 0.999]))
 def test_ranks_by_the_binomial(draws: int, log_target: float, confidence: float) -> None:
     target = 10.0**log_target
     high, low = order_bounds(draws, target, confidence)
@@ -168,9 +166,9 @@ def test_counted_k_factor_of_what_is_least_squares(event: str) -> None:
 def test_pooled_counting() -> None:
     day = _day(np.random.default_rng(2))[0:2]
     exact = calibrate(day, target=5e-3, pooled=True)["k_vertical"][0]
-    counted = calibrate(
-        day, method=NEVER_REWEIGHTS, target=5e-3, pooled=True, draws=20_000, confidence=1 - 1e-6
-    ).iloc[0]
+    counted = calibrate(day, method=NEVER_REWEIGHTS, target=5e-3, pooled=True, draws=20_000, confidence=1 - 1e-6).iloc[
+        0
+    ]
     assert counted["k_low"] <= exact <= counted["k_high"]
     assert counted["draws"] == 40_000
 
@@ -225,8 +223,7 @@ def test_k_factor_by_rare_events(event: str, scatter: float) -> None:
     assert row["found"] == "rare events"
     assert row["k_low"] < row["k_vertical"] < row["k_high"]
     truth = {
-        name: ls_rates(g, fault, k_vertical=row[name])[f"{event}_rate"][0]
-        for name in ("k_low", "k_vertical", "k_high")
+        name: ls_rates(g, fault, k_vertical=row[name])[f"{event}_rate"][0] for name in ("k_low", "k_vertical", "k_high")
     }
     # The estimate comes within 2 % of the target, the bounds a twelfth beyond it (1.645 standard errors of 5 %),
     # all of them give or take five standard errors of the scatter.

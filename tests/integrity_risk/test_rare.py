@@ -38,9 +38,7 @@ def few() -> pl_mc.Geometry:
     ("noise", "satellite", "bias_m", "event", "decade"),
     [(2.0, "G03", 10.0, "missed", -12), (2.0, "E10", 20.0, "misleading", -6), (1.0, "G03", 0.0, "alarm", -13)],
 )
-def test_least_squares_has_its_exact_risk(
-    noise: float, satellite: str, bias_m: float, event: str, decade: int
-) -> None:
+def test_least_squares_has_its_exact_risk(noise: float, satellite: str, bias_m: float, event: str, decade: int) -> None:
     g = appendix_d(noise=noise)
     faults = pl_mc.biases(g, {satellite: bias_m})
     row = risk(g, faults, seed=1, event=event, method="ls", max_evaluations=4_000_000, progress=False).iloc[0]
@@ -141,9 +139,7 @@ def test_a_row_depends_on_no_other_row(few: pl_mc.Geometry) -> None:
     assert risk(few, one, **(options | {"seed": 9}))["probability"][0] != alone["probability"]
 
 
-def importance(
-    probability: float = 1e-8, cov: float = 0.05, ess: float = 400.0, top: float = 0.01
-) -> ImportanceRun:
+def importance(probability: float = 1e-8, cov: float = 0.05, ess: float = 400.0, top: float = 0.01) -> ImportanceRun:
     return ImportanceRun(probability, cov * probability, ess - 1.0, ess, top, 10**6)
 
 

@@ -37,9 +37,7 @@ def test_a_population_ends_distributed_as_the_noise_in_the_event(noise: float) -
 
 def test_stronger_noise_finds_an_event_that_nothing_points_to() -> None:
     """From the nominal noise few points see the event at the start; the estimates agree all the same."""
-    found = [
-        np.exp(climb(PLATEAU, np.random.default_rng(k), size=4096, noise=2.0).log_probability) for k in range(8)
-    ]
+    found = [np.exp(climb(PLATEAU, np.random.default_rng(k), size=4096, noise=2.0).log_probability) for k in range(8)]
     error = np.std(found, ddof=1) / np.sqrt(8)
     assert abs(np.mean(found) - PLATEAU.probability) < stats.t.isf(0.5e-4, 7) * error
     assert error < 0.1 * PLATEAU.probability

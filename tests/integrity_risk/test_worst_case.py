@@ -149,10 +149,7 @@ def test_order_and_unit_do_not_matter(order: list[int], exponent: float, event: 
     one, scale = appendix_d(noise=3.0), 10.0**exponent
     at = np.array(order)
     other = Geometry.from_arrays(
-        one.design[at],
-        one.sigma_m[at] * scale,
-        [one.systems[k] for k in at],
-        [one.names[k] for k in at],
+        one.design[at], one.sigma_m[at] * scale, [one.systems[k] for k in at], [one.names[k] for k in at]
     )
     first = worst_case(one, event=event).set_index("satellites")  # type: ignore[arg-type]
     second = worst_case(other, event=event, alert=_limits(35.0 * scale)).set_index("satellites")  # type: ignore[arg-type]
@@ -348,9 +345,9 @@ def test_the_last_estimate_is_not_the_luckiest() -> None:
     g = appendix_d(noise=3.0)
     errors = []
     for seed in range(12):
-        row = worst_case(
-            g, satellites=["G03"], estimator=_stand_in(g, "missed", 1.0), seed=seed, target_cov=0.2
-        ).iloc[0]
+        row = worst_case(g, satellites=["G03"], estimator=_stand_in(g, "missed", 1.0), seed=seed, target_cov=0.2).iloc[
+            0
+        ]
         truth = ls_rates(g, biases(g, {"G03": row["bias_m"]}))["missed_rate"][0]
         errors.append(np.log(row["probability"] / truth) / 0.2)
     # Twelve standard normal errors: their mean is Normal(0, 1/12), here within 4.9 of its deviations (1e-6).
@@ -364,9 +361,7 @@ def test_estimates_that_fail() -> None:
     def partly(faults: Faults, target_cov: float, seed: int) -> pd.DataFrame:
         table = whole(faults, target_cov, seed)
         bad = faults.bias_m[:, 2] > 20.0
-        return table.assign(
-            probability=table["probability"].mask(bad), warning=np.where(bad, "weights degenerate", "")
-        )
+        return table.assign(probability=table["probability"].mask(bad), warning=np.where(bad, "weights degenerate", ""))
 
     row = worst_case(g, satellites=["G03"], estimator=partly).iloc[0]
     assert 0 < row["bias_m"] <= 20.0

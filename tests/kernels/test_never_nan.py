@@ -35,8 +35,7 @@ def all_estimates(design, sigma_m, observed_m, in_view):
 
 
 sizes = st.one_of(
-    st.floats(-1e6, 1e6, allow_subnormal=True),
-    st.sampled_from([0.0, -0.0, 1e6, -1e6, 100.0, 1e-300, 30.0]),
+    st.floats(-1e6, 1e6, allow_subnormal=True), st.sampled_from([0.0, -0.0, 1e6, -1e6, 100.0, 1e-300, 30.0])
 )
 observations = st.one_of(
     st.lists(sizes, min_size=10, max_size=10),

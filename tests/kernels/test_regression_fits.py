@@ -65,10 +65,7 @@ def test_m_estimates_are_r_s(weight, r_values):
 
 @pytest.mark.parametrize(
     ("weight", "norm"),
-    [
-        (HuberWeight(1.345), sm.robust.norms.HuberT(1.345)),
-        (TukeyWeight(4.685), sm.robust.norms.TukeyBiweight(4.685)),
-    ],
+    [(HuberWeight(1.345), sm.robust.norms.HuberT(1.345)), (TukeyWeight(4.685), sm.robust.norms.TukeyBiweight(4.685))],
     ids=["Huber", "Tukey"],
 )
 def test_m_estimates_are_those_of_statsmodels(weight, norm):
@@ -116,9 +113,7 @@ def test_redundancy_numbers_of_appendix_d():
 def test_redundancy_numbers_sum_to_the_redundancy(counts):
     design, sigma, _ = random_sky(np.random.default_rng(9), counts=counts)
     padded = np.vstack([design, np.full((3, design.shape[1]), np.nan)])
-    model = jax.jit(linear_model)(
-        padded, np.append(sigma, [np.nan, 0.0, -1.0]), np.arange(len(padded)) < len(design)
-    )
+    model = jax.jit(linear_model)(padded, np.append(sigma, [np.nan, 0.0, -1.0]), np.arange(len(padded)) < len(design))
     np.testing.assert_allclose(np.sum(model.redundancy), len(design) - design.shape[1], rtol=0, atol=1e-10)
     assert np.all(model.redundancy[len(design) :] == 0)
     assert np.all(np.asarray(model.inverse_residual_sigma)[np.asarray(model.redundancy) < 1e-10] == 0)

@@ -45,9 +45,7 @@ def test_factor_solution_and_inverse(t):
         np.testing.assert_allclose(np.sum(np.stack(columns[k]) ** 2, axis=0), inverse[:, k, k], rtol=1e-11)
 
     sides = np.stack([right, np.ones_like(right)], axis=1)
-    found, regular = eliminate(
-        jnp.asarray(pack(matrices)), jnp.asarray(sides), jnp.full(t, FLOOR), jnp.asarray(True)
-    )
+    found, regular = eliminate(jnp.asarray(pack(matrices)), jnp.asarray(sides), jnp.full(t, FLOOR), jnp.asarray(True))
     np.testing.assert_allclose(np.einsum("lij,jkl->ikl", matrices, found), sides, atol=1e-11)
     assert np.all(regular)
 

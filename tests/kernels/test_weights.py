@@ -79,9 +79,7 @@ def test_weights_keep_the_type_and_have_finite_gradients(weight, dtype):
     assert np.isfinite(jax.vmap(jax.grad(weight))(u)).all()
 
 
-@pytest.mark.parametrize(
-    ("k0", "k1"), [(0.0, 5.0), (-1.0, 5.0), (5.0, 5.0), (6.0, 5.0), (1.5, np.inf), (np.nan, 5.0)]
-)
+@pytest.mark.parametrize(("k0", "k1"), [(0.0, 5.0), (-1.0, 5.0), (5.0, 5.0), (6.0, 5.0), (1.5, np.inf), (np.nan, 5.0)])
 def test_thresholds_that_make_no_sense(k0, k1):
     with pytest.raises(InputError, match=r"igg3: 0 < k0 < k1"):
         Igg3Weight(k0, k1)

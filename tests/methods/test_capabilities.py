@@ -14,14 +14,7 @@ import pytest
 
 import pl_mc
 from pl_mc import InputError
-from pl_mc.kernels import (
-    LeastSquaresSolution,
-    LinearModel,
-    least_squares,
-    linear_model,
-    protection_levels,
-    start_from,
-)
+from pl_mc.kernels import LeastSquaresSolution, LinearModel, least_squares, linear_model, protection_levels, start_from
 from pl_mc.methods import METHODS, GatedIgg3, Igg3, LeaveOneOut, Ls, MaxDop, Outcome, Parity, Sbas, Slope, WTest
 from pl_mc.methods import capabilities as can
 from pl_mc.methods.base import outcome_of

@@ -20,17 +20,7 @@ import pl_mc
 from pl_mc import InputError
 from pl_mc.kernels import linear_model, start_from
 from pl_mc.kernels.leave_one_out import parity_basis, projections
-from pl_mc.methods import (
-    LeaveOneOut,
-    MaxDop,
-    Nioraim,
-    Parity,
-    RangeComparison,
-    Sbas,
-    Slope,
-    WTest,
-    method,
-)
+from pl_mc.methods import LeaveOneOut, MaxDop, Nioraim, Parity, RangeComparison, Sbas, Slope, WTest, method
 from pl_mc.methods.raim_levels import FORMS, noise_factors, protected_sizes, thresholds
 from pl_mc.statistics import binomial_p_value, joint_exceedance, ls_quantities, split_at_threshold
 from reference import raim_numpy as oracle

@@ -83,10 +83,7 @@ def scenarios():
 def assert_same(found: Outcome, expected: Outcome, *, scale: float = 1.0) -> None:
     for name in ("error_m", "hpl_m", "vpl_m"):
         np.testing.assert_allclose(
-            getattr(found, name),
-            scale * np.asarray(getattr(expected, name)),
-            rtol=TOLERANCE,
-            atol=TOLERANCE * scale,
+            getattr(found, name), scale * np.asarray(getattr(expected, name)), rtol=TOLERANCE, atol=TOLERANCE * scale
         )
     np.testing.assert_array_equal(found.available, expected.available)
     np.testing.assert_array_equal(found.rejects, expected.rejects)
@@ -253,9 +250,7 @@ def test_a_new_method_runs_through_the_sweep():
     silent = CheckedLs(inflation=1e-9, threshold=threshold)
     loud = CheckedLs(inflation=1.5, threshold=threshold)
     with jax.numpy_dtype_promotion("standard"):
-        table = pl_mc.sweep(
-            g, faults, draws=4000, seed=3, methods=(silent, loud, Ls(k_vertical=1.5 * 5.33)), workers=1
-        )
+        table = pl_mc.sweep(g, faults, draws=4000, seed=3, methods=(silent, loud, Ls(k_vertical=1.5 * 5.33)), workers=1)
     silent_rows, loud_rows, ls_rows = (table[table["method"] == name] for name in table["method"].unique())
     exact = pl_mc.exact.ls_rates(g, faults, alarm="chi2", p_fa=1e-3)
     p_values = binomial_p_value(silent_rows["alarms"], silent_rows["draws"], exact["alarm_rate"])

@@ -120,13 +120,7 @@ def test_l1_is_the_slow_computation_with_the_levels_of_its_docstring(faults):
     cofactor = np.linalg.inv((design / sigma[:, None]).T @ (design / sigma[:, None]))
     for lane in range(0, LANES, 5):
         slow = oracle.igg3(
-            design,
-            sigma,
-            observed[:, lane],
-            weight=PLAIN_WEIGHTS[L1],
-            iterations=50,
-            scale="apriori",
-            cofactor="none",
+            design, sigma, observed[:, lane], weight=PLAIN_WEIGHTS[L1], iterations=50, scale="apriori", cofactor="none"
         )
         mean = np.abs(slow.v / sigma).sum() / (N - T)
         # Weights of up to 1e4 to one make the last digits of two computations differ.

@@ -225,11 +225,7 @@ def test_marginals_of_drawn_errors() -> None:
         assert stats.kstest(drawn(NominalBias(0.7, "random"))[row], either).pvalue > LEVEL
 
 
-@given(
-    chance=st.floats(1e-6, 0.5),
-    scale=st.floats(1.01, 100.0),
-    variance=st.sampled_from(["kept", "inflated"]),
-)
+@given(chance=st.floats(1e-6, 0.5), scale=st.floats(1.01, 100.0), variance=st.sampled_from(["kept", "inflated"]))
 @settings(max_examples=5)
 def test_a_mixture_keeps_every_probability(chance: float, scale: float, variance: str) -> None:
     noise = GaussianMixture(chance, scale, variance)
@@ -250,9 +246,7 @@ def test_gauss_markov_has_its_autocorrelation() -> None:
     series = [rng.standard_normal(DRAWS)]
     for _ in range(length - 1):
         series.append(
-            np.asarray(
-                step(jnp.asarray(series[-1]), jnp.asarray(rng.standard_normal(DRAWS)), jnp.asarray(correlation))
-            )
+            np.asarray(step(jnp.asarray(series[-1]), jnp.asarray(rng.standard_normal(DRAWS)), jnp.asarray(correlation)))
         )
     assert stats.kstest(series[-1], "norm").pvalue > LEVEL
     for lag in (1, 5, 20):

@@ -44,12 +44,7 @@ def test_the_two_oracles_agree() -> None:
 
 @pytest.mark.parametrize(
     "noise",
-    [
-        StudentT(4.0),
-        GaussianMixture(0.05, 5.0),
-        Multipath(0.2, 20.0),
-        NominalBias(4.0, "random"),
-    ],
+    [StudentT(4.0), GaussianMixture(0.05, 5.0), Multipath(0.2, 20.0), NominalBias(4.0, "random")],
     ids=lambda noise: noise.name,
 )
 def test_hazards_of_least_squares_have_their_exact_rate(noise: NoiseModel) -> None:
@@ -127,9 +122,7 @@ def test_the_limit_state_of_shaped_noise_is_that_of_the_sweep() -> None:
 
 
 @pytest.mark.parametrize(
-    ("noise", "limit"),
-    [(StudentT(5.0), 150.0)],
-    ids=lambda value: getattr(value, "name", str(value)),
+    ("noise", "limit"), [(StudentT(5.0), 150.0)], ids=lambda value: getattr(value, "name", str(value))
 )
 def test_rare_hazards_of_least_squares(noise: NoiseModel, limit: float) -> None:
     alert = AlertLimits("far", vertical_m=limit, horizontal_m=limit)

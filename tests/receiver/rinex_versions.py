@@ -114,9 +114,4 @@ def navigation_4(text: str) -> str:
 
 def _ionosphere_4(date: str, values: list[float]) -> list[str]:
     fields = [f"{value:19.12e}" for value in values]
-    return [
-        "> ION G10 LNAV",
-        f"    {date}{''.join(fields[:3])}",
-        f"    {''.join(fields[3:7])}",
-        f"    {fields[7]}",
-    ]
+    return ["> ION G10 LNAV", f"    {date}{''.join(fields[:3])}", f"    {''.join(fields[3:7])}", f"    {fields[7]}"]

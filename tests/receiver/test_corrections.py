@@ -9,11 +9,7 @@ from receiver_files import ALPHA, BETA, WEEK, C, rtk_array
 
 from pl_mc.constants import SPEED_OF_LIGHT_M_S
 from pl_mc.receiver import rtklib_worker
-from pl_mc.receiver.corrections import (
-    klobuchar_delay_m,
-    line_of_sight,
-    troposphere_delay_m,
-)
+from pl_mc.receiver.corrections import klobuchar_delay_m, line_of_sight, troposphere_delay_m
 from pl_mc.receiver.signals import signal_of
 
 SKIES = np.random.default_rng(7).uniform(

@@ -30,9 +30,7 @@ def enu_errors_m(series: ReceiverSeries, step: int) -> NDArray[np.float64]:
         design, weight = g.design[epoch][rows], 1 / g.sigma_m[epoch][rows]
         design = design[:, design.any(axis=0)]
         if rows.sum() >= design.shape[1]:
-            solution, *_ = np.linalg.lstsq(
-                design * weight[:, None], series.errors_m[epoch][rows] * weight, rcond=None
-            )
+            solution, *_ = np.linalg.lstsq(design * weight[:, None], series.errors_m[epoch][rows] * weight, rcond=None)
             found.append(solution[:3])
     return np.array(found)
 

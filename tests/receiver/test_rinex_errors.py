@@ -165,9 +165,7 @@ def test_a_library_that_breaks_down_is_a_sentence(
 
 
 MUTATIONS = st.lists(
-    st.tuples(st.sampled_from("odrcx"), st.floats(0, 1, exclude_max=True), st.integers(0, 255)),
-    min_size=1,
-    max_size=4,
+    st.tuples(st.sampled_from("odrcx"), st.floats(0, 1, exclude_max=True), st.integers(0, 255)), min_size=1, max_size=4
 )
 
 

@@ -131,11 +131,7 @@ def test_damaged_observations_of_rinex_2(
         (navigation_2, lambda t: t.replace(" 1 20  6", "99 20  6", 1), "no satellite that exists"),
         (navigation_2, lambda t: t.replace(" 1 20  6", " 1 21  6", 1), "apart; one of them is damaged"),
         (navigation_2, lambda t: t.replace("ION ALPHA", "COMMENT  "), "lacks the GPS ionosphere.*ION ALPHA"),
-        (
-            navigation_4,
-            lambda t: t.replace("> ION G10 LNAV", "> ION E10 IFNV"),
-            "lacks the GPS .* ION G.. LNAV",
-        ),
+        (navigation_4, lambda t: t.replace("> ION G10 LNAV", "> ION E10 IFNV"), "lacks the GPS .* ION G.. LNAV"),
         (navigation_4, lambda t: t.replace("> EPH G02 LNAV", "> EPH G03 LNAV"), "begins with another name"),
         (navigation_4, lambda t: t.replace("> EPH G02 LNAV", "> EPHG02 LNAV"), "no start of a navigation record"),
         (navigation_4, lambda t: t.replace("LNAV", "CNAV"), "no ephemeris of GPS; its systems: G CNAV"),

@@ -98,10 +98,7 @@ def events(design, systems, p_sat, p_const):
     """The single faults that can move the position: sets of satellites and probabilities."""
     n = len(systems)
     lone = {
-        i
-        for i in range(n)
-        for j in range(3, design.shape[1])
-        if design[i, j] and np.count_nonzero(design[:, j]) == 1
+        i for i in range(n) for j in range(3, design.shape[1]) if design[i, j] and np.count_nonzero(design[:, j]) == 1
     }
     found = [(frozenset([i]), p_sat[i]) for i in range(n) if i not in lone]
     for letter in sorted(set(systems)):

@@ -69,12 +69,7 @@ def least_squares(design, sigma_m, observed_m, in_view=None) -> Solution:
     x = np.linalg.solve(normal, a.T @ p @ observed)
     v = a @ x - observed
     return Solution(
-        available=True,
-        x=x,
-        v=v,
-        w=np.ones(n),
-        m=np.sqrt(v @ p @ v / (n - t)),
-        q=np.diag(np.linalg.inv(normal))[:3],
+        available=True, x=x, v=v, w=np.ones(n), m=np.sqrt(v @ p @ v / (n - t)), q=np.diag(np.linalg.inv(normal))[:3]
     )
 
 

@@ -48,9 +48,7 @@ def characteristic(noise: NoiseModel, t: FloatArray, *, sigma_m: float, chance: 
     return (normal * np.cos(noise.bias_m / sigma_m * t)).astype(complex)
 
 
-def tail_of_sum(
-    noise: NoiseModel, weights: FloatArray, sigma_m: FloatArray, limit: float, shift: float = 0.0
-) -> float:
+def tail_of_sum(noise: NoiseModel, weights: FloatArray, sigma_m: FloatArray, limit: float, shift: float = 0.0) -> float:
     """P(|sum w_i X_i + shift| > limit), X_i in units of sigma; absolute accuracy about 1e-12."""
 
     def beyond(level: float, sign: float) -> float:

@@ -118,8 +118,7 @@ def random_series(rng: np.random.Generator, in_view: np.ndarray, systems: str, *
     design = np.concatenate(
         [
             -np.stack(
-                [np.cos(elevation) * np.sin(azimuth), np.cos(elevation) * np.cos(azimuth), np.sin(elevation)],
-                axis=-1,
+                [np.cos(elevation) * np.sin(azimuth), np.cos(elevation) * np.cos(azimuth), np.sin(elevation)], axis=-1
             ),
             clocks.astype(float),
         ],

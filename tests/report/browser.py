@@ -27,9 +27,7 @@ class Browser:
     program: str
     profile: Path
 
-    def _run(
-        self, page: Path, *options: str, width: int = 1100, height: int = 900
-    ) -> subprocess.CompletedProcess[str]:
+    def _run(self, page: Path, *options: str, width: int = 1100, height: int = 900) -> subprocess.CompletedProcess[str]:
         done = subprocess.run(
             [
                 self.program, "--headless=new", "--no-sandbox", "--disable-gpu", "--hide-scrollbars",

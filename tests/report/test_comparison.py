@@ -29,11 +29,7 @@ def runs(tmp_path: Path) -> tuple[Path, Path]:
     return (
         store_run(tmp_path / "first", counts(FIRST), with_figure=False),
         store_run(
-            tmp_path / "second",
-            counts(SECOND, ("ls", "igg3(k1=3)")),
-            with_figure=False,
-            name="other",
-            methods=options,
+            tmp_path / "second", counts(SECOND, ("ls", "igg3(k1=3)")), with_figure=False, name="other", methods=options
         ),
     )
 

@@ -81,9 +81,7 @@ EVERYTHING = Document(
         TextTable.of(["n", "x"], [[1, 2.5], ["", "z"]]),
     ),
     tables=(
-        TableEntry(
-            "rates", Chart("Rates", ("method",), (Quantity("alarm", "r", "l", "h", "n"),), menus=("noise",))
-        ),
+        TableEntry("rates", Chart("Rates", ("method",), (Quantity("alarm", "r", "l", "h", "n"),), menus=("noise",))),
         TableEntry("levels"),
     ),
     figures=(FigureEntry("rates", "A caption.", "A caption. Words."),),

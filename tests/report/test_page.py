@@ -72,8 +72,7 @@ def test_the_answer_gives_the_numbers_of_the_table(small_run: Path) -> None:
     assert KINDS["sweep"].answer(run.tables, experiment_of(run)) == document_of(run).answer
     assert "least squares (VPL) most often at G07:+55m, all (> 99.1 %)" in alarms
     assert (
-        "IGG-III (VPL_R) never, under any of 4 faults, with at least 400 draws of noise each (below 0.918 %)"
-        in alarms
+        "IGG-III (VPL_R) never, under any of 4 faults, with at least 400 draws of noise each (below 0.918 %)" in alarms
     )
     for sentence in (misleading, missed):
         assert "least squares (VPL) and IGG-III (VPL_R) never" in sentence
@@ -100,9 +99,7 @@ def test_charts_hold_the_counts_of_the_table(small_run: Path) -> None:
         for row in group.itertuples():
             rate, low, high, count = drawn[curve, row.bias_m]
             assert count == row.alarms
-            np.testing.assert_allclose(
-                [rate, low, high], [row.alarm_rate, row.alarm_low, row.alarm_high], rtol=1e-3
-            )
+            np.testing.assert_allclose([rate, low, high], [row.alarm_rate, row.alarm_low, row.alarm_high], rtol=1e-3)
 
 
 def test_columns_that_tell_rows_apart_become_menus(small_run: Path) -> None:

@@ -73,8 +73,7 @@ def test_nothing_is_wider_than_a_phone(browser: Browser, page: Path) -> None:
     # A frame of a phone's width: a window cannot be made that narrow everywhere.
     frame = page.with_name("frame.html")
     frame.write_text(
-        '<!DOCTYPE html><body style="margin:0">'
-        f'<iframe src="{page.name}" width="390" height="2000"></iframe></body>'
+        f'<!DOCTYPE html><body style="margin:0"><iframe src="{page.name}" width="390" height="2000"></iframe></body>'
     )
     script = (
         "const inner = document.querySelector('iframe').contentDocument.documentElement;"

@@ -64,9 +64,7 @@ def test_a_run_that_was_stopped_ends_the_same(tmp_path, monkeypatch, whole):
         with pytest.raises(KeyboardInterrupt):
             service_volume(**OPTIONS, folder=folder)
     assert sorted(path.name for path in folder.iterdir()) == [ServiceTask.kind.record, "part-000000.parquet"]
-    monkeypatch.setattr(
-        ServiceTask, "levels", lambda self, sites: (calls.append(sites.start), levels(self, sites))[1]
-    )
+    monkeypatch.setattr(ServiceTask, "levels", lambda self, sites: (calls.append(sites.start), levels(self, sites))[1])
     with pytest.raises(InputError, match="1 finished parts of an earlier run are here; resume it"):
         service_volume(**OPTIONS, folder=folder)
     assert not calls

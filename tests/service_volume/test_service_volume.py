@@ -176,8 +176,7 @@ def test_levels_from_the_geometry_know_nothing_of_noise_padding_or_order(monkeyp
 
 
 @pytest.mark.parametrize(
-    "one",
-    [Ls(), Parity(exclude=True), WTest(), WTest(exclusions=0, variance="posterior"), WTest(form="reliability")],
+    "one", [Ls(), Parity(exclude=True), WTest(), WTest(exclusions=0, variance="posterior"), WTest(form="reliability")]
 )
 def test_what_excludes_or_scales_with_residuals_is_none_of_them(one):
     assert not levels_from_geometry(one)

@@ -23,9 +23,7 @@ def test_bounds_are_those_of_statsmodels(first: tuple[int, int], second: tuple[i
 
 
 @given(counted, counted)
-def test_bounds_hold_the_difference_and_turn_with_the_order(
-    first: tuple[int, int], second: tuple[int, int]
-) -> None:
+def test_bounds_hold_the_difference_and_turn_with_the_order(first: tuple[int, int], second: tuple[int, int]) -> None:
     low, high = difference_bounds(*first, *second)
     difference = second[0] / second[1] - first[0] / first[1]
     assert -1 <= low <= difference <= high <= 1

@@ -12,8 +12,7 @@ from pl_mc.statistics import binomial_p_value, clopper_pearson
 
 @pytest.mark.parametrize("confidence", [0.5, 0.9, 0.95, 0.999999])
 @pytest.mark.parametrize(
-    ("events", "draws"),
-    [(0, 1), (1, 1), (0, 50), (3, 20), (10, 20), (50, 50), (7, 1_000_000), (999_998, 1_000_000)],
+    ("events", "draws"), [(0, 1), (1, 1), (0, 50), (3, 20), (10, 20), (50, 50), (7, 1_000_000), (999_998, 1_000_000)]
 )
 def test_bounds_are_those_of_scipy(events: int, draws: int, confidence: float) -> None:
     expected = stats.binomtest(events, draws).proportion_ci(confidence, method="exact")

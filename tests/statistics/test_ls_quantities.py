@@ -23,18 +23,7 @@ def _normal_equations(g: Geometry) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
 
 def test_appendix_d(appendix_d: Geometry) -> None:
     # ARAIM ADD v3.0 Appendix D geometry with W = 1/C_int; numbers of an exact computation made elsewhere.
-    redundancy = [
-        0.686552,
-        0.527214,
-        0.309345,
-        0.552657,
-        0.544048,
-        0.541127,
-        0.518285,
-        0.360606,
-        0.519245,
-        0.440920,
-    ]
+    redundancy = [0.686552, 0.527214, 0.309345, 0.552657, 0.544048, 0.541127, 0.518285, 0.360606, 0.519245, 0.440920]
     got = ls_quantities(appendix_d)
     np.testing.assert_allclose(got.redundancy, redundancy, atol=1.1e-6)
     assert got.redundancy.sum() == pytest.approx(5, abs=1e-13)

@@ -79,9 +79,7 @@ def test_the_matrix_maps_errors_to_residuals(appendix_d: Geometry, day: Geometry
     np.testing.assert_allclose(matrix @ matrix, matrix, atol=1e-12)
     of_day = reliability_matrix(day)
     assert of_day.shape == (6, 12, 12)
-    np.testing.assert_allclose(
-        np.diagonal(of_day, axis1=1, axis2=2)[0], ls_quantities(day).redundancy[0], atol=1e-12
-    )
+    np.testing.assert_allclose(np.diagonal(of_day, axis1=1, axis2=2)[0], ls_quantities(day).redundancy[0], atol=1e-12)
     assert np.isnan(of_day[5]).all()
 
 

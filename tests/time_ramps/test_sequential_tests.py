@@ -17,24 +17,13 @@ from pl_mc.statistics.intervals import binomial_p_value
 from pl_mc.time_ramps.kalman_innovation import CONSTANT_VELOCITY, FilterPlan, KalmanInnovation, motion_model
 from pl_mc.time_ramps.passes import PassPlan, Signals, fault_free_signals, pass_plan
 from pl_mc.time_ramps.sequential_parity import SequentialParity, residual_maps, summed_covariance
-from pl_mc.time_ramps.signals import (
-    LANES,
-    NoiseInTime,
-    Rows,
-    pass_key,
-    rows_by_satellite,
-    step_numbers,
-    unit_ramp_m,
-)
+from pl_mc.time_ramps.signals import LANES, NoiseInTime, Rows, pass_key, rows_by_satellite, step_numbers, unit_ramp_m
 from pl_mc.time_ramps.windows import WindowTests, largest_ratio
 
 EPOCHS, ONSET, INTERVAL_S, BLOCKS = 40, 20, 20.0, 12
 SATELLITE, LIMIT_P = "G11", 1e-2
 PARITY = (SequentialParity((0.0,), p_fa=LIMIT_P), SequentialParity((300.0,), p_fa=LIMIT_P))
-KALMAN = (
-    KalmanInnovation((0.0,), p_fa=LIMIT_P),
-    KalmanInnovation((200.0,), motion=CONSTANT_VELOCITY, p_fa=LIMIT_P),
-)
+KALMAN = (KalmanInnovation((0.0,), p_fa=LIMIT_P), KalmanInnovation((200.0,), motion=CONSTANT_VELOCITY, p_fa=LIMIT_P))
 # Every statement about a distribution is made at this level.
 LEVEL, SIGMAS = 1e-5, 4.5
 
@@ -87,8 +76,7 @@ def case(request: pytest.FixtureRequest, rows: Rows) -> Case:
     ramp = unit_ramp_m(rows, SATELLITE, ONSET)
     plan = pass_plan((*PARITY, *KALMAN), rows, noise, ramp, ONSET, 35.0)
     parts = [
-        jax.tree.map(np.asarray, MAKE(plan, np.uint32(7), np.uint32(0), np.uint32(block)))
-        for block in range(BLOCKS)
+        jax.tree.map(np.asarray, MAKE(plan, np.uint32(7), np.uint32(0), np.uint32(block))) for block in range(BLOCKS)
     ]
     return Case(noise, rows, plan, jax.tree.map(lambda *one: np.concatenate(one, axis=-1), *parts))
 
@@ -108,9 +96,7 @@ def limit(dof: int, rows: Rows) -> float:
 @pytest.mark.parametrize("epoch", [25, EPOCHS - 1])
 def test_the_accumulated_parity_statistic_is_chi_square(case: Case, which: int, epoch: int) -> None:
     dof = round(float(np.trace(residual_maps(case.rows)[epoch])))
-    found = statistic(case, case.plan.sequential[which].tests, case.signals.sums[which], epoch) * limit(
-        dof, case.rows
-    )
+    found = statistic(case, case.plan.sequential[which].tests, case.signals.sums[which], epoch) * limit(dof, case.rows)
     assert stats.kstest(found, stats.chi2(dof).cdf).pvalue > LEVEL
 
 
@@ -134,9 +120,7 @@ def test_its_detection_probability_is_the_noncentral_chi_squares(case: Case, whi
     dof = basis.shape[1]
     rate = float(np.sqrt(8.0 / unit))
     expected = stats.ncx2.sf(limit(dof, rows), dof, 8.0)
-    found = int(
-        (statistic(case, case.plan.sequential[which].tests, case.signals.sums[which], epoch, rate) > 1.0).sum()
-    )
+    found = int((statistic(case, case.plan.sequential[which].tests, case.signals.sums[which], epoch, rate) > 1.0).sum())
     assert 0.2 < expected < 0.9
     assert binomial_p_value(found, BLOCKS * LANES, expected) > LEVEL
 

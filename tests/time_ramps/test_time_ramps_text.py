@@ -26,9 +26,7 @@ def table() -> pd.DataFrame:
                     f"late_{limit}": number, f"late_{limit}_rate": number / PASSES, f"late_{limit}_low": float(low),
                     f"late_{limit}_high": float(high), f"undecided_{limit}": 0,
                 }  # fmt: skip
-            row |= {
-                f"error_at_alert_50{end}_m": middle + step for end, step in (("", 0), ("_low", -1), ("_high", 1))
-            }
+            row |= {f"error_at_alert_50{end}_m": middle + step for end, step in (("", 0), ("_low", -1), ("_high", 1))}
             rows.append(row)
     return pd.DataFrame(rows)
 

@@ -9,12 +9,12 @@ import jax
 import numpy as np
 import pandas as pd
 import pytest
-from pl_mc.studies.time_ramps.run import comparable
 
 import pl_mc
 from pl_mc.experiments.loading import build_experiment
 from pl_mc.experiments.running import run_experiment
 from pl_mc.input_errors import InputError
+from pl_mc.studies.time_ramps.run import comparable
 from pl_mc.time_ramps import KalmanInnovation, SequentialParity, time_to_alert
 from pl_mc.time_ramps.passes import Watched, watch_sample
 from pl_mc.time_ramps.signals import pass_key, step_numbers

@@ -131,9 +131,7 @@ def _constellations(p_const: Any, letters: NDArray[np.str_]) -> dict[str, float]
     found = {}
     for letter in sorted(set(letters.ravel().tolist()) - {""}):
         if letter not in p_const:
-            raise InputError(
-                f"p_const: there is no probability of {letter!r} ({nearest(letter, map(str, p_const))})."
-            )
+            raise InputError(f"p_const: there is no probability of {letter!r} ({nearest(letter, map(str, p_const))}).")
         found[letter] = require_number(p_const[letter], field=f"p_const[{letter!r}]")
         if not 0.0 <= found[letter] < 1.0:
             raise InputError(

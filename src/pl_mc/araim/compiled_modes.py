@@ -144,9 +144,7 @@ def compiled_modes(model: LinearModel, priors: Priors) -> CompiledModes:
     # A combination is held by a mode if none of its satellites is outside of the mode.
     outside = product(excluded.astype(dtype), (~excluded[:candidates]).T.astype(dtype))
     holds = (outside == 0) & (prior > 0)[:, None]
-    left_over = jnp.asarray(more_faults(3, n, clocks, priors.p_sat, priors.p_const), dtype)[
-        satellites, constellations
-    ]
+    left_over = jnp.asarray(more_faults(3, n, clocks, priors.p_sat, priors.p_const), dtype)[satellites, constellations]
     solvable = _solvable(excluded[:candidates], seen, member)
     limit = priors.p_threshold
     contained = priors.unmonitored == CONTAINED

@@ -166,9 +166,7 @@ def _events(
     return single, p / (1.0 - p), float(np.prod(1.0 - p))
 
 
-def _solvable(
-    excluded: NDArray[np.bool_], in_view: NDArray[np.bool_], clocks: NDArray[np.bool_]
-) -> NDArray[np.bool_]:
+def _solvable(excluded: NDArray[np.bool_], in_view: NDArray[np.bool_], clocks: NDArray[np.bool_]) -> NDArray[np.bool_]:
     """(modes,), whether at least as many satellites as unknowns are left."""
     kept = in_view & ~excluded
     unknowns = 3 + sum((kept & column).any(axis=1).astype(np.intp) for column in clocks.T)

@@ -164,9 +164,7 @@ class Levels:
     available: Array
 
 
-def solve_levels(
-    whole: Whole, modes: Subsets, probability: Array, p_not_monitored: Array, budget: Budget
-) -> Levels:
+def solve_levels(whole: Whole, modes: Subsets, probability: Array, p_not_monitored: Array, budget: Budget) -> Levels:
     """Thresholds and levels (ADD v3.0, equations of K_fa, T, VPL, HPL, EMT and sigma_acc).
 
     Priors are (m, g) of each mode, zero where it is not to be monitored, and (g,) of all faults that are in none.

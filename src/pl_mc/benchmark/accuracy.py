@@ -79,9 +79,7 @@ def solved(g: Geometry, errors_m: NDArray[np.float64], precision: str) -> dict[s
     )  # fmt: skip
     table = pl_mc.solve(series, errors_m, precision=precision)
     return {
-        str(name): NumpyOutcome(
-            rows.up_m.to_numpy(float), rows.vpl_m.to_numpy(float), rows.available.to_numpy(bool)
-        )
+        str(name): NumpyOutcome(rows.up_m.to_numpy(float), rows.vpl_m.to_numpy(float), rows.available.to_numpy(bool))
         for name, rows in table.groupby("method", sort=False)
     }
 

@@ -40,8 +40,7 @@ class Output:
 
     progress: Progress = None
     json: Annotated[
-        bool,
-        Parameter(negative="", help="Print folder, files, answer and notes as JSON instead of the summary."),
+        bool, Parameter(negative="", help="Print folder, files, answer and notes as JSON instead of the summary.")
     ] = False
     quiet: Annotated[bool, Parameter(negative="", alias="-q", help="Print the results folder alone.")] = False
 

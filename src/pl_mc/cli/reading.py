@@ -34,9 +34,7 @@ def report(folder: Path, /, *, json: Json = False, quiet: Quiet = False) -> None
         print(f"Report: {folder / result.page}")
 
 
-def compare(
-    first: Path, second: Path, /, *, out: Path | None = None, json: Json = False, quiet: Quiet = False
-) -> None:
+def compare(first: Path, second: Path, /, *, out: Path | None = None, json: Json = False, quiet: Quiet = False) -> None:
     """Lay two runs side by side: what was asked differently, and the difference of every rate with its interval.
 
     Example: `pl-mc compare runs/ramp runs/mine --out comparison`

@@ -15,14 +15,7 @@ import numpy as np
 from jax import Array
 from scipy import stats
 
-from pl_mc.detectors.base import (
-    SYSTEM_LETTERS,
-    Verdict,
-    View,
-    by_count,
-    nothing_redundant,
-    suspected,
-)
+from pl_mc.detectors.base import SYSTEM_LETTERS, Verdict, View, by_count, nothing_redundant, suspected
 from pl_mc.input_errors import InputError, require_choice
 from pl_mc.kernels import LeastSquaresSolution, LinearModel
 

@@ -145,9 +145,7 @@ class MeanCheck:
         dtype = model.design.dtype
         first, second = (jnp.sum(rows, dtype=dtype) for rows in member)
         # The paper's K: the mean of the second system less that of the first, over residuals in metres.
-        mean = member[1].astype(dtype) / jnp.maximum(second, 1.0) - member[0].astype(dtype) / jnp.maximum(
-            first, 1.0
-        )
+        mean = member[1].astype(dtype) / jnp.maximum(second, 1.0) - member[0].astype(dtype) / jnp.maximum(first, 1.0)
         sigma = jnp.where(seen, 1.0 / jnp.where(seen, model.weight_root, 1.0), 0.0)
         # v = -sigma (I - hat) z, with z whitened observations; s_i = sigma_i ((I - hat) z)_i / r_i.
         residual = jnp.diag(fitted.astype(dtype)) - hat

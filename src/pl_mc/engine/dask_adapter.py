@@ -170,9 +170,7 @@ def _require_equal_workers(client: Any, here: Mapping[str, Any]) -> None:
 
 def _require_equal(worker: str, there: Mapping[str, Any], here: Mapping[str, Any]) -> None:
     wrong = [
-        f"{field} {there.get(field)} there, {value} here"
-        for field, value in here.items()
-        if there.get(field) != value
+        f"{field} {there.get(field)} there, {value} here" for field, value in here.items() if there.get(field) != value
     ]
     if wrong:
         raise InputError(f"scheduler: {worker} would count in another environment ({'; '.join(wrong)}).")

@@ -15,13 +15,7 @@ from numpy.typing import NDArray
 
 from pl_mc.alert import LPV_200, AlertLimits
 from pl_mc.engine.calls import Chunk, run_calls
-from pl_mc.engine.checks import (
-    LARGEST_DRAWS,
-    LARGEST_SEED,
-    require_errors,
-    require_geometry_and_alert,
-    require_inputs,
-)
+from pl_mc.engine.checks import LARGEST_DRAWS, LARGEST_SEED, require_errors, require_geometry_and_alert, require_inputs
 from pl_mc.engine.core import block_outcomes
 from pl_mc.engine.events import alarms
 from pl_mc.engine.noise import LANES

@@ -71,9 +71,7 @@ def result_folder(path: Path, *, sign: str = MANIFEST) -> Iterator[Path]:
         shutil.rmtree(working, ignore_errors=True)
 
 
-def write_manifest(
-    folder: Path, *, name: str, experiment: Experiment, notes: Sequence[str], seconds: float
-) -> None:
+def write_manifest(folder: Path, *, name: str, experiment: Experiment, notes: Sequence[str], seconds: float) -> None:
     """Everything that decides the numbers: the experiment in full, versions, inputs and the machine."""
     content = {
         "name": name,
@@ -129,8 +127,7 @@ class Unfinished:
             if changed:
                 fields = "; ".join(f"{field}: {old} before, {new} now" for field, old, new in changed)
                 raise InputError(
-                    f"{self.folder}: the unfinished run is one of another experiment ({fields}); --fresh starts "
-                    "anew."
+                    f"{self.folder}: the unfinished run is one of another experiment ({fields}); --fresh starts anew."
                 )
         try:
             self.folder.mkdir(parents=True, exist_ok=True)

@@ -174,10 +174,7 @@ CONSTELLATIONS: Mapping[str, Callable[[], tuple[Slot, ...]]] = MappingProxyType(
 
 
 def constellation_slots(
-    constellations: str | Sequence[str],
-    without: str | Sequence[str] = (),
-    *,
-    gps_slots: Sequence[Slot] | None = None,
+    constellations: str | Sequence[str], without: str | Sequence[str] = (), *, gps_slots: Sequence[Slot] | None = None
 ) -> tuple[Slot, ...]:
     """The slots of one or several constellations, in order, less those switched off.
 
@@ -197,9 +194,7 @@ def constellation_slots(
         if wanted.count(name) > 1:
             raise InputError(f"constellations: {name!r} appears more than once.")
     if gps_slots is not None and "GPS" not in wanted:
-        raise InputError(
-            f"almanac: it holds GPS satellites, but the constellations are {', '.join(wanted)}; add GPS."
-        )
+        raise InputError(f"almanac: it holds GPS satellites, but the constellations are {', '.join(wanted)}; add GPS.")
     made = {name: CONSTELLATIONS[name]() for name in wanted}
     if gps_slots is not None:
         made["GPS"] = tuple(gps_slots)

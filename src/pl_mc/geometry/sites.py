@@ -80,9 +80,7 @@ def site_position_m(site: str | ArrayLike) -> NDArray[np.float64]:
     return checked_positions_m(site, field="site", shape=(3,))
 
 
-def checked_positions_m(
-    positions_m: ArrayLike, *, field: str, shape: tuple[int | None, ...]
-) -> NDArray[np.float64]:
+def checked_positions_m(positions_m: ArrayLike, *, field: str, shape: tuple[int | None, ...]) -> NDArray[np.float64]:
     """Earth-fixed positions as an array, after a check that someone could stand there [m].
 
     Args:

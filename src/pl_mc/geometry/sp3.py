@@ -87,11 +87,7 @@ def sp3_orbits(
     if not kept:
         raise InputError(f"{path}: it holds no position of {', '.join(constellations)}.")
     names, orbits, columns = (list(part) for part in zip(*kept, strict=True))
-    return PreciseOrbits(
-        names=tuple(names),
-        orbits=tuple(orbits),
-        position_m=_interpolated_m(table, columns, times),
-    )
+    return PreciseOrbits(names=tuple(names), orbits=tuple(orbits), position_m=_interpolated_m(table, columns, times))
 
 
 def _require_inside(table: Sp3Table, time_gps_s: NDArray[np.float64]) -> None:
@@ -180,9 +176,7 @@ def _require_orbits(table: Sp3Table, columns: Sequence[int], still: NDArray[np.f
         )
 
 
-def _interpolated_m(
-    table: Sp3Table, columns: Sequence[int], time_gps_s: NDArray[np.float64]
-) -> NDArray[np.float64]:
+def _interpolated_m(table: Sp3Table, columns: Sequence[int], time_gps_s: NDArray[np.float64]) -> NDArray[np.float64]:
     """Positions by `sp3_worker.interpolated_m` (e, m, 3), computed in a process of its own."""
     names = [table.names[k] for k in columns]
     texts = {

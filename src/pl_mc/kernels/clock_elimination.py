@@ -85,8 +85,7 @@ def eliminate_clocks(
         sound = sound & (a > 0) & (last > 0) & (determinant > 0)
         over = 1.0 / jnp.where(sound, determinant, jnp.ones_like(determinant))
         solution = tuple(
-            sum(minor[min(i, j)][abs(i - j)] * sides[j] for j in range(COORDINATES)) * over
-            for i in range(COORDINATES)
+            sum(minor[min(i, j)][abs(i - j)] * sides[j] for j in range(COORDINATES)) * over for i in range(COORDINATES)
         )
         return solution, tuple(minor[k][0] * over for k in range(COORDINATES) if cofactors), sound
 

@@ -95,9 +95,7 @@ def all_in_view(model: LinearModel, parts: Projections, start: LeastSquaresSolut
 
 def before_observations(model: LinearModel, parts: Projections) -> Remaining:
     """The same for the geometry alone: residuals and error are zero."""
-    zeros = LeastSquaresSolution(
-        jnp.zeros_like(model.in_view), jnp.zeros_like(model.empty), jnp.zeros_like(model.dof)
-    )
+    zeros = LeastSquaresSolution(jnp.zeros_like(model.in_view), jnp.zeros_like(model.empty), jnp.zeros_like(model.dof))
     return all_in_view(model, parts, zeros)
 
 

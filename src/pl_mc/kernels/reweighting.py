@@ -240,9 +240,7 @@ def _enough(model: LinearModel, weights: Array, weight_sum: Array) -> Array:
     """Whether at least t + 1 satellites have w > 0; they need counting only where all weights add up to less."""
     needed = model.unknowns + 1
     return jax.lax.cond(
-        jnp.all(weight_sum >= needed),
-        lambda: jnp.ones(weight_sum.shape, bool),
-        lambda: _kept(model, weights) >= needed,
+        jnp.all(weight_sum >= needed), lambda: jnp.ones(weight_sum.shape, bool), lambda: _kept(model, weights) >= needed
     )
 
 

@@ -84,9 +84,7 @@ class HampelWeight:
     def __post_init__(self) -> None:
         sound = all(isinstance(value, numbers.Real) for value in (self.a, self.b, self.c))
         if not sound or not 0.0 < self.a <= self.b < self.c < float("inf"):
-            raise InputError(
-                f"hampel: 0 < a <= b < c is needed, not a = {self.a!r}, b = {self.b!r}, c = {self.c!r}."
-            )
+            raise InputError(f"hampel: 0 < a <= b < c is needed, not a = {self.a!r}, b = {self.b!r}, c = {self.c!r}.")
 
     def __call__(self, size: Array) -> Array:
         fall = jnp.clip((self.c - size) * (1.0 / (self.c - self.b)), 0.0, 1.0)

@@ -6,25 +6,9 @@ from jax import Array
 
 from pl_mc.input_errors import require_choice
 from pl_mc.kernels import LinearModel, ProtectionLevels
-from pl_mc.kernels.leave_one_out import (
-    Projections,
-    Remaining,
-    adopt,
-    leave_out,
-    pick,
-    slopes,
-    square_sum,
-)
+from pl_mc.kernels.leave_one_out import Projections, Remaining, adopt, leave_out, pick, slopes, square_sum
 from pl_mc.methods.base import Named, require_multipliers
-from pl_mc.methods.raim_levels import (
-    FORMS,
-    SIGMA,
-    at_dof,
-    require_risks,
-    sigma_levels,
-    slope_levels,
-    thresholds,
-)
+from pl_mc.methods.raim_levels import FORMS, SIGMA, at_dof, require_risks, sigma_levels, slope_levels, thresholds
 
 # What is left after an exclusion has to be testable itself.
 LEAST_FREEDOM = 2

@@ -11,13 +11,7 @@ from dataclasses import dataclass, replace
 from jax import Array
 
 from pl_mc.input_errors import require_choice
-from pl_mc.kernels import (
-    Estimate,
-    LeastSquaresSolution,
-    LinearModel,
-    irls,
-    protection_levels,
-)
+from pl_mc.kernels import Estimate, LeastSquaresSolution, LinearModel, irls, protection_levels
 from pl_mc.kernels.linear_model import per_lane, product
 from pl_mc.methods.base import Outcome, outcome_of
 from pl_mc.methods.igg3 import Igg3

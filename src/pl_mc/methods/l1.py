@@ -8,13 +8,7 @@ from dataclasses import dataclass, replace
 import jax.numpy as jnp
 
 from pl_mc.constants import K_HORIZONTAL, K_VERTICAL
-from pl_mc.kernels import (
-    Estimate,
-    IrlsOptions,
-    LeastSquaresSolution,
-    LinearModel,
-    irls,
-)
+from pl_mc.kernels import Estimate, IrlsOptions, LeastSquaresSolution, LinearModel, irls
 from pl_mc.kernels.linear_model import COORDINATES, per_lane
 from pl_mc.kernels.weights import L1Weight
 from pl_mc.methods.base import Estimator

@@ -8,23 +8,10 @@ from jax import Array
 
 from pl_mc.constants import K_HORIZONTAL, K_VERTICAL
 from pl_mc.kernels import LeastSquaresSolution, LinearModel
-from pl_mc.kernels.leave_one_out import (
-    Projections,
-    all_in_view,
-    projections,
-    standardised,
-)
+from pl_mc.kernels.leave_one_out import Projections, all_in_view, projections, standardised
 from pl_mc.methods.base import Outcome
 from pl_mc.methods.exclusion import Excluding, exclude_and_test
-from pl_mc.methods.raim_levels import (
-    NONCENTRAL,
-    P_FA,
-    P_MD,
-    SIGMA,
-    at_dof,
-    decided,
-    thresholds,
-)
+from pl_mc.methods.raim_levels import NONCENTRAL, P_FA, P_MD, SIGMA, at_dof, decided, thresholds
 
 # Projections of a geometry, and the threshold of all its satellites.
 _Checked = tuple[Projections, Array]

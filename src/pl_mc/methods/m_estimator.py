@@ -16,14 +16,7 @@ from abc import ABC, abstractmethod
 from dataclasses import dataclass
 
 from pl_mc.constants import K_HORIZONTAL, K_VERTICAL
-from pl_mc.kernels import (
-    Estimate,
-    IrlsOptions,
-    LeastSquaresSolution,
-    LinearModel,
-    WeightFunction,
-    irls,
-)
+from pl_mc.kernels import Estimate, IrlsOptions, LeastSquaresSolution, LinearModel, WeightFunction, irls
 from pl_mc.methods.base import Estimator
 
 

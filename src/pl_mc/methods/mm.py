@@ -8,12 +8,7 @@ import jax.numpy as jnp
 
 from pl_mc.constants import K_HORIZONTAL, K_VERTICAL
 from pl_mc.input_errors import require_choice
-from pl_mc.kernels import (
-    Estimate,
-    IrlsOptions,
-    LeastSquaresSolution,
-    LinearModel,
-)
+from pl_mc.kernels import Estimate, IrlsOptions, LeastSquaresSolution, LinearModel
 from pl_mc.kernels.reweighting import reweighted
 from pl_mc.kernels.s_estimate import SOptions, s_estimate
 from pl_mc.kernels.weights import TukeyWeight

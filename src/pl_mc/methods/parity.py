@@ -11,13 +11,7 @@ from jax import Array
 from pl_mc.constants import K_HORIZONTAL, K_VERTICAL
 from pl_mc.input_errors import InputError
 from pl_mc.kernels import LeastSquaresSolution, LinearModel, ProtectionLevels
-from pl_mc.kernels.leave_one_out import (
-    Projections,
-    all_in_view,
-    before_observations,
-    parity_basis,
-    projections,
-)
+from pl_mc.kernels.leave_one_out import Projections, all_in_view, before_observations, parity_basis, projections
 from pl_mc.kernels.linear_model import COORDINATES, product, redundancy_floor
 from pl_mc.methods.base import Outcome
 from pl_mc.methods.exclusion import Excluding, exclude_and_test

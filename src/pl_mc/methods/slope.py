@@ -6,20 +6,8 @@ from dataclasses import dataclass
 
 from pl_mc.input_errors import require_choice
 from pl_mc.kernels import LinearModel, ProtectionLevels
-from pl_mc.kernels.leave_one_out import (
-    before_observations,
-    projections,
-    slopes,
-)
-from pl_mc.methods.raim_levels import (
-    FORMS,
-    NONCENTRAL,
-    P_FA,
-    P_MD,
-    ChiSquareTested,
-    require_risks,
-    slope_levels,
-)
+from pl_mc.kernels.leave_one_out import before_observations, projections, slopes
+from pl_mc.methods.raim_levels import FORMS, NONCENTRAL, P_FA, P_MD, ChiSquareTested, require_risks, slope_levels
 
 
 @dataclass(frozen=True)

@@ -27,15 +27,7 @@ from pl_mc.kernels.leave_one_out import (
 )
 from pl_mc.methods.base import Named, Outcome, require_multipliers
 from pl_mc.methods.exclusion import LEAST_FREEDOM
-from pl_mc.methods.raim_levels import (
-    P_FA,
-    SIGMA,
-    at_dof,
-    decided,
-    require_risks,
-    sigma_levels,
-    thresholds,
-)
+from pl_mc.methods.raim_levels import P_FA, SIGMA, at_dof, decided, require_risks, sigma_levels, thresholds
 from pl_mc.statistics.reliability import noncentral_shift
 
 RELIABILITY = "reliability"

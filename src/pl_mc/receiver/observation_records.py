@@ -301,18 +301,14 @@ def _require_values(line: str, begin: int, width: int, where: str) -> None:
 def _require_gps_time(file: RinexText) -> None:
     system = file.header[0][40:41]
     if system not in _SYSTEMS_OF_FILES:
-        raise InputError(
-            f"{file.path}: its first line names the satellite system {system!r}, which does not exist."
-        )
+        raise InputError(f"{file.path}: its first line names the satellite system {system!r}, which does not exist.")
     own = _TIME_OF_SYSTEM.get(system, "GPS")
     lines = file.labelled("TIME OF FIRST OBS")
     if not lines:
         raise InputError(f"{file.path}: its header has no TIME OF FIRST OBS, which every RINEX file has.")
     for line in lines:
         if not _FIRST_TIME.fullmatch(line[:48]):
-            raise InputError(
-                f"{file.path}: the time in its header (TIME OF FIRST OBS) cannot be read; it is damaged."
-            )
+            raise InputError(f"{file.path}: the time in its header (TIME OF FIRST OBS) cannot be read; it is damaged.")
         given = line[48:51].strip() or own
         if given not in _GPS_TIMES:
             raise InputError(f"{file.path}: its times are {given} (TIME OF FIRST OBS), and GPS time is needed.")

@@ -13,11 +13,7 @@ from pl_mc.error_models import DEFAULT_ERROR_MODEL, ErrorModel, Sky, as_error_mo
 from pl_mc.geometry.frames import enu_rotation, geodetic
 from pl_mc.geometry.record import EAST, NORTH, SYSTEM_NAMES, UP, Geometry
 from pl_mc.input_errors import InputError
-from pl_mc.receiver.corrections import (
-    klobuchar_delay_m,
-    line_of_sight,
-    troposphere_delay_m,
-)
+from pl_mc.receiver.corrections import klobuchar_delay_m, line_of_sight, troposphere_delay_m
 from pl_mc.receiver.rinex import SYSTEMS, ReceiverData, gps_date, read_rinex
 from pl_mc.receiver.signals import signal_of
 from pl_mc.receiver.truth import Truth
@@ -144,10 +140,7 @@ def read_receiver_series(
     )
     kept = np.array([data.names.index(name) for name in g.names])
     packed = np.where(g.in_view, np.take_along_axis(error_m[:, kept], g.satellite, axis=1), 0.0)
-    notes = (
-        *_epoch_notes(data, known, in_view, systems),
-        *_satellite_notes(data, known, plausible, misfit, error_m),
-    )
+    notes = (*_epoch_notes(data, known, in_view, systems), *_satellite_notes(data, known, plausible, misfit, error_m))
     return ReceiverSeries(geometry=g, errors_m=packed, truth_m=truth_m, notes=tuple(notes))
 
 

@@ -103,9 +103,7 @@ def evaluate(
                 received = observations.data[int(rows[row])].time
                 position, clock_m = _state(rtklib, records[nearest[k]], received, float(pseudorange_m[row]))
                 result["position_m"][where], result["clock_m"][where] = position, clock_m
-                result["group_delays_m"][where] = [
-                    SPEED_OF_LIGHT_M_S * records[nearest[k]].tgd[i] for i in range(2)
-                ]
+                result["group_delays_m"][where] = [SPEED_OF_LIGHT_M_S * records[nearest[k]].tgd[i] for i in range(2)]
                 result["toe_gps_s"][where] = toe_s[nearest[k]]
         result["state"][epoch_of[mine], column] = state
     return result

@@ -69,10 +69,7 @@ SIGNALS: tuple[Signal, ...] = (
 
 # Windows: GPS half the fit interval of four hours (IS-GPS-200, 20.3.4.4); BeiDou sends hourly messages
 # (BDS-SIS-ICD-2.1, 5.2.4.2), of which receivers miss some.
-SYSTEMS: Mapping[str, System] = {
-    "G": System(32, ("LNAV",), 63, 7200.0),
-    "C": System(63, ("D1", "D2"), 1, 7200.0),
-}
+SYSTEMS: Mapping[str, System] = {"G": System(32, ("LNAV",), 63, 7200.0), "C": System(63, ("D1", "D2"), 1, 7200.0)}
 
 
 def signal_of(system: str) -> Signal:

@@ -91,8 +91,7 @@ def read_truth(text: str) -> Truth:
     numbers = [_number(part) for part in parts]
     if len(parts) != 3 or any(number is None for number in numbers):
         raise InputError(
-            f"truth: {shown(text)} is neither X,Y,Z (three Earth-fixed metres) nor the path of a .csv or .csv.gz "
-            "track."
+            f"truth: {shown(text)} is neither X,Y,Z (three Earth-fixed metres) nor the path of a .csv or .csv.gz track."
         )
     position = np.array(numbers, dtype=float)
     _require_near_surface(position, "truth")

@@ -188,9 +188,7 @@ def _rates(name: str, first: pd.DataFrame, second: pd.DataFrame, notes: list[str
     both = first.merge(second, on=keys, suffixes=(" first", " second"))
     for side, table in (("first", first), ("second", second)):
         if len(table) > len(both):
-            notes.append(
-                f"{name}: {len(table) - len(both):,} rows of the {side} run have no counterpart in the other."
-            )
+            notes.append(f"{name}: {len(table) - len(both):,} rows of the {side} run have no counterpart in the other.")
     if both.empty:
         return None
     parts = []

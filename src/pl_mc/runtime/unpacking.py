@@ -64,9 +64,7 @@ def read_unzipped(path: Path) -> bytes:
     except (EOFError, zlib.error, gzip.BadGzipFile):
         raise InputError(f"{path}: the gzip file is cut short or damaged.") from None
     if len(content) > LARGEST_BYTES:
-        raise InputError(
-            f"{path}: it unpacks to more than {LARGEST_BYTES / 1e9:g} GB, which no file of its kind does."
-        )
+        raise InputError(f"{path}: it unpacks to more than {LARGEST_BYTES / 1e9:g} GB, which no file of its kind does.")
     return content
 
 
@@ -130,9 +128,7 @@ def _require_compact(path: Path, content: bytes) -> None:
         line = line.removesuffix(b"\r")
         broken = not whole and re.match(rb"[\d-]", line) and not _FIRST_DIFFERENCE.match(line)
         if broken or not form.fullmatch(line):
-            raise InputError(
-                f"{path}, line {number}: this is no line of Hatanaka compression; the file is damaged."
-            )
+            raise InputError(f"{path}, line {number}: this is no line of Hatanaka compression; the file is damaged.")
 
 
 def _require_clock_lines(path: Path, content: bytes, text: bytes) -> None:

@@ -85,6 +85,5 @@ def _pairs(methods: tuple[Method, ...], model: LinearModel, noise: Array) -> lis
     start = LeastSquaresSolution(residuals, state, square_sum=jnp.sum(residuals * residuals, axis=0))
     outcomes = [method.solve(model, method.prepare(model), start) for method in methods]
     return [
-        (jnp.where(one.available, one.hpl_m, jnp.inf), jnp.where(one.available, one.vpl_m, jnp.inf))
-        for one in outcomes
+        (jnp.where(one.available, one.hpl_m, jnp.inf), jnp.where(one.available, one.vpl_m, jnp.inf)) for one in outcomes
     ]

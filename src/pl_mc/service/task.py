@@ -121,9 +121,7 @@ class ServiceTask:
 
     def nothing(self, sites: int) -> ServiceCounts:
         """Counts of so many sites before anything is counted."""
-        return ServiceCounts.of(
-            sites, self.sky.epochs, self.draws, self.exact, len(self.operations), self.durations
-        )
+        return ServiceCounts.of(sites, self.sky.epochs, self.draws, self.exact, len(self.operations), self.durations)
 
     def geometries(self, sites: slice) -> Geometries:
         """The geometries of a batch, of the same shape in every call: it is filled up with its last site."""

@@ -27,14 +27,7 @@ from pl_mc.noise_models import GAUSSIAN, NoiseModel, as_noise_model
 from pl_mc.runtime.precision import dtype_of
 from pl_mc.runtime.threads import cores
 from pl_mc.service.continuity import as_durations
-from pl_mc.service.counting import (
-    ServiceCounts,
-    epoch_table,
-    level_table,
-    place_columns,
-    site_table,
-    world_table,
-)
+from pl_mc.service.counting import ServiceCounts, epoch_table, level_table, place_columns, site_table, world_table
 from pl_mc.service.sky import WorldGrid, WorldSky, world_grid
 from pl_mc.service.task import ServiceTask
 

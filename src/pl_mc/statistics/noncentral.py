@@ -39,9 +39,7 @@ _ASYMPTOTIC_ABOVE = 1e4
 _ASYMPTOTIC_TERMS = 12
 
 
-def split_at_threshold(
-    threshold: ArrayLike, dof: ArrayLike, noncentrality: ArrayLike
-) -> tuple[FloatArray, FloatArray]:
+def split_at_threshold(threshold: ArrayLike, dof: ArrayLike, noncentrality: ArrayLike) -> tuple[FloatArray, FloatArray]:
     """P(Y <= threshold) and P(Y > threshold) of a noncentral chi-square Y.
 
     Args:

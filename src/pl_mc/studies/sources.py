@@ -182,9 +182,7 @@ AnySource = Annotated[
     | Annotated[FlightSource, Tag("Flight")]
     | Annotated[ReceiverSource, Tag("Receiver")],
     Discriminator(
-        _form_of_source,
-        custom_error_type="source_kind",
-        custom_error_message=f"its kind is one of {', '.join(_FORMS)}",
+        _form_of_source, custom_error_type="source_kind", custom_error_message=f"its kind is one of {', '.join(_FORMS)}"
     ),
 ]
 

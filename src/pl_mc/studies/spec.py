@@ -178,8 +178,7 @@ class RampFaults(Strict):
         elevation = np.degrees(g.elevation_rad[row])
         redundancy = redundancy_numbers(g)[row]
         return faults, (
-            f"Faulted satellite: {name} ({why}); elevation {elevation:.1f} deg, redundancy number "
-            f"{redundancy:.3f}.",
+            f"Faulted satellite: {name} ({why}); elevation {elevation:.1f} deg, redundancy number {redundancy:.3f}.",
         )
 
 
@@ -230,8 +229,6 @@ def median_redundancy_satellite(g: Geometry, *, system: str) -> str:
     redundancy = redundancy_numbers(g)
     rows = [k for k, letter in enumerate(g.systems) if letter == system]
     if not rows:
-        raise InputError(
-            f"faults.satellite: no satellite of system {system!r} ({nearest(system, set(g.systems))})."
-        )
+        raise InputError(f"faults.satellite: no satellite of system {system!r} ({nearest(system, set(g.systems))}).")
     ordered = sorted(rows, key=lambda k: (redundancy[k], g.names[k]))
     return g.names[ordered[(len(ordered) - 1) // 2]]

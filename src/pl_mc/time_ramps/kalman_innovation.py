@@ -192,9 +192,7 @@ class FilterPlan:
         return (true, believed, total), total, believed[UP] - true[UP]
 
 
-def motion_model(
-    test: KalmanInnovation, unknowns: int, interval_s: float
-) -> tuple[FloatArray, FloatArray, FloatArray]:
+def motion_model(test: KalmanInnovation, unknowns: int, interval_s: float) -> tuple[FloatArray, FloatArray, FloatArray]:
     """Transition (b, b), root of the process noise (b, b), first standard deviations (b,).
 
     States are position, clocks and, with ``constant_velocity``, velocity.

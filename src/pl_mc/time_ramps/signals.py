@@ -82,9 +82,7 @@ def rows_by_satellite(g: Geometry) -> Rows:
         InputError: a single epoch, or epochs without date or of unequal distance.
     """
     if not isinstance(g, Geometry) or not g.is_series or len(g) < 2:
-        raise InputError(
-            "geometry: a ramp in time needs a series of epochs, such as pl_mc.simulate(interval_s=1.0)."
-        )
+        raise InputError("geometry: a ramp in time needs a series of epochs, such as pl_mc.simulate(interval_s=1.0).")
     steps = np.diff(g.time_gps_s)
     if not (np.isfinite(steps).all() and steps[0] > 0 and np.allclose(steps, steps[0], rtol=0.0, atol=1e-6)):
         raise InputError("geometry: the epochs of a ramp in time have dates with equal distances.")

@@ -67,9 +67,7 @@ def name_with_windows(name: str, windows_s: tuple[float, ...]) -> str:
     return f"{name}[{'+'.join(f'{w:g}' for w in windows_s)} s]"
 
 
-def whitened(
-    covariance: FloatArray, basis: FloatArray, sums: FloatArray, p_fa: float
-) -> tuple[FloatArray, FloatArray]:
+def whitened(covariance: FloatArray, basis: FloatArray, sums: FloatArray, p_fa: float) -> tuple[FloatArray, FloatArray]:
     """Whitener and response of one window at every epoch, both over the root of the threshold at ``p_fa``.
 
     Args:

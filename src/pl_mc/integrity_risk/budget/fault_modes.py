@@ -208,9 +208,7 @@ def _distribution(bias: Any) -> Any:
     require_choice(name, known, field="bias")
     if name == "uniform":
         if len(parameters) != 2 or not parameters[0] < parameters[1]:
-            raise InputError(
-                f"bias: 'uniform' takes two sizes in order, such as ('uniform', 5, 100), not {bias!r}."
-            )
+            raise InputError(f"bias: 'uniform' takes two sizes in order, such as ('uniform', 5, 100), not {bias!r}.")
         return stats.uniform(parameters[0], parameters[1] - parameters[0])
     try:
         frozen = getattr(stats, name)(*parameters)

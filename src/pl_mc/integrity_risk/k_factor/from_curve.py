@@ -269,9 +269,7 @@ def from_curve(
     reached, lower, upper = np.nan, 0.0, 1.0
     if np.isfinite(high):
         reached = curve.at(high)[0]
-        lower, upper = (
-            float(np.interp(np.log(high), np.log(curve.k), values)) for values in curve.bounds(confidence)
-        )
+        lower, upper = (float(np.interp(np.log(high), np.log(curve.k), values)) for values in curve.bounds(confidence))
     found = KFactor(k, low, high, reached, lower, min(upper, 1.0), RARE, spent, "; ".join(notes), checked)
     return Calibrated(found, curve)
 

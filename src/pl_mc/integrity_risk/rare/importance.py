@@ -197,9 +197,7 @@ def _explore(limit: Sampled, rng: np.random.Generator, most_evaluations: int) ->
     return np.concatenate(points), spent
 
 
-def _adapt(
-    limit: Sampled, rng: np.random.Generator, found: FloatArray, most_evaluations: int
-) -> tuple[Mixture, int]:
+def _adapt(limit: Sampled, rng: np.random.Generator, found: FloatArray, most_evaluations: int) -> tuple[Mixture, int]:
     """The proposal for the last sample, from points in the event; and what it cost."""
     active, spent = limit.active, 0
     explored = fit(found[:, :active], rng, _COMPONENTS)
@@ -236,9 +234,7 @@ def _some(points: FloatArray, rng: np.random.Generator) -> FloatArray:
     return points if len(points) <= _FITTED else points[rng.choice(len(points), _FITTED, replace=False)]
 
 
-def _sample(
-    limit: Sampled, rng: np.random.Generator, proposal: Mixture, size: int
-) -> tuple[FloatArray, FloatArray]:
+def _sample(limit: Sampled, rng: np.random.Generator, proposal: Mixture, size: int) -> tuple[FloatArray, FloatArray]:
     """The draws of a proposal that are in the event, with the logarithms of their weights."""
     points = rng.standard_normal((size, limit.dimension))
     points[:, : limit.active] = proposal.draw(rng, size)

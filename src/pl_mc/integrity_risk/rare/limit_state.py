@@ -154,9 +154,7 @@ class EpochState(InCoordinates):
         turned = rotation(design, sigma, seen, bias) if coordinates is None else coordinates
         return cls(design, sigma, seen, bias, method, event, alert.vertical_m, turned, **options)
 
-    def computed(
-        self, points: FloatArray, of: OfOutcome, event: Any, noise_model: NoiseModel = GAUSSIAN
-    ) -> FloatArray:
+    def computed(self, points: FloatArray, of: OfOutcome, event: Any, noise_model: NoiseModel = GAUSSIAN) -> FloatArray:
         """(N,), what a function of outcomes, alert limit and event makes of points (N, dimension), call by call."""
         arrays = (self.design, self.sigma_m, self.in_view, self.bias_m)
         rows, vertical_m = self.coordinates.matrix, np.float64(self.vertical_m)
@@ -166,9 +164,7 @@ class EpochState(InCoordinates):
                 some = points[start : start + POINTS_PER_CALL]
                 noise = np.zeros((POINTS_PER_CALL, rows.shape[0]))
                 noise[: len(some)] = some @ rows.T
-                found = _values(
-                    *arrays, noise, vertical_m, event, of=of, method=self.method, noise_model=noise_model
-                )
+                found = _values(*arrays, noise, vertical_m, event, of=of, method=self.method, noise_model=noise_model)
                 values[start : start + len(some)] = np.asarray(found)[: len(some)]
         return values
 

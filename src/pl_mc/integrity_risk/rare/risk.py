@@ -172,9 +172,7 @@ def risk(
     return table
 
 
-def estimate_risk(
-    limit: Sampled, key: tuple[int, ...], *, target_cov: float, most_evaluations: int
-) -> RiskEstimate:
+def estimate_risk(limit: Sampled, key: tuple[int, ...], *, target_cov: float, most_evaluations: int) -> RiskEstimate:
     """P(limit state > 0); ``key`` are whole numbers that choose the random numbers."""
     first, second, counts = (np.random.default_rng(s) for s in np.random.SeedSequence(key).spawn(3))
     met = _events(limit, counts, _FIRST_DRAWS)

@@ -143,9 +143,7 @@ def ranked(log_ratio: FloatArray, rank: int) -> float:
     return float(np.exp(max(np.partition(row, place)[place] for row in log_ratio)))
 
 
-def price(
-    problem: TuningProblem, k: float, log_unit_m: FloatArray, weight: NDArray[np.uint8] | None = None
-) -> float:
+def price(problem: TuningProblem, k: float, log_unit_m: FloatArray, weight: NDArray[np.uint8] | None = None) -> float:
     """The objective as it is: the mean over draws that have one."""
     each = cost(problem.objective, k, log_unit_m, problem.vertical_m)
     known = ~np.isnan(each)

@@ -21,13 +21,7 @@ from scipy import optimize
 
 from pl_mc.alert import LPV_200, AlertLimits
 from pl_mc.arrays import FloatArray
-from pl_mc.engine.checks import (
-    LARGEST_DRAWS,
-    LARGEST_SEED,
-    require_geometry_and_alert,
-    require_inputs,
-    require_single,
-)
+from pl_mc.engine.checks import LARGEST_DRAWS, LARGEST_SEED, require_geometry_and_alert, require_inputs, require_single
 from pl_mc.faults import Faults, no_fault
 from pl_mc.geometry.record import Geometry
 from pl_mc.input_errors import InputError, require_choice, require_fraction, require_positive, require_whole

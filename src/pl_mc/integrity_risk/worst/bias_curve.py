@@ -264,9 +264,7 @@ def coarse_curve(
     return curve
 
 
-def finer_curve(
-    region: Region, coarse: BiasCurve, low_m: float, high_m: float, rng: np.random.Generator
-) -> BiasCurve:
+def finer_curve(region: Region, coarse: BiasCurve, low_m: float, high_m: float, rng: np.random.Generator) -> BiasCurve:
     """The curve between two sizes, from points of the coarse one and, once more, from its own."""
     sizes = np.linspace(low_m, high_m, _FINE)
     curve = BiasCurve(coarse.trace, [])

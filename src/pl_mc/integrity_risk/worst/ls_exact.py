@@ -215,9 +215,7 @@ def peaks(epoch: LsEpoch, event: str, slopes: ArrayLike) -> tuple[FloatArray, Fl
     return best_root, best
 
 
-def _along(
-    epoch: LsEpoch, event: str, slopes: FloatArray, roots: FloatArray, *, shared: bool = False
-) -> FloatArray:
+def _along(epoch: LsEpoch, event: str, slopes: FloatArray, roots: FloatArray, *, shared: bool = False) -> FloatArray:
     """The event's probability (m, points) at roots (m, points) along directions of these slopes (m,)."""
     shift = slopes[:, None] * roots
     if event == MISSED and shared:

@@ -274,9 +274,7 @@ def _exact_table(g: Geometry, epoch: LsEpoch, event: str, groups: Sequence[tuple
     )
 
 
-def _largest_on_grid(
-    epoch: LsEpoch, event: str, groups: Sequence[tuple[int, ...]]
-) -> tuple[FloatArray, FloatArray]:
+def _largest_on_grid(epoch: LsEpoch, event: str, groups: Sequence[tuple[int, ...]]) -> tuple[FloatArray, FloatArray]:
     """Biases (m, n) [m] and probability (m,) of the worst fault on `GRID_M`; NaN for three satellites and more."""
     bias = np.full((len(groups), epoch.sigma_m.size), np.nan)
     best = np.full(len(groups), np.nan)

@@ -170,15 +170,11 @@ def _maps_and_bars(
     panels[-1].tick_params(axis="y", length=0)
 
 
-def _rate_map(
-    panel: Axes, rates: pd.DataFrame, event: str, methods: Sequence[str], norm: LogNorm, ticks: int
-) -> None:
+def _rate_map(panel: Axes, rates: pd.DataFrame, event: str, methods: Sequence[str], norm: LogNorm, ticks: int) -> None:
     """Rates by method and bias as colours."""
     faults = list(dict.fromkeys(rates.fault))
     values = rates.pivot(index="method", columns="fault", values=f"{event}_rate").loc[methods, faults].to_numpy()
-    panel.imshow(
-        np.ma.masked_less_equal(values, 0.0), aspect="auto", norm=norm, cmap=_COLOURS, interpolation="nearest"
-    )
+    panel.imshow(np.ma.masked_less_equal(values, 0.0), aspect="auto", norm=norm, cmap=_COLOURS, interpolation="nearest")
     panel.grid(visible=False)
     panel.set_xticks(np.arange(-0.5, values.shape[1]), minor=True)
     panel.set_yticks(np.arange(-0.5, values.shape[0]), minor=True)

@@ -21,14 +21,7 @@ from pl_mc.report.document import Chart
 from pl_mc.report.findings import Findings, Table, event_quantities
 from pl_mc.studies.compare import figures
 from pl_mc.studies.compare.day import DAY, DayChoice, Place, comparable_elsewhere, further_geometries
-from pl_mc.studies.compare.tables import (
-    Comparison,
-    EqualTables,
-    equal_table,
-    fault_free_table,
-    joined,
-    overview_table,
-)
+from pl_mc.studies.compare.tables import Comparison, EqualTables, equal_table, fault_free_table, joined, overview_table
 from pl_mc.studies.compare.text import summary
 from pl_mc.studies.planned_sweep import PlannedSweep
 from pl_mc.studies.spec import Experiment, MethodChoice, RampFaults, SimulatedGeometry, Strict

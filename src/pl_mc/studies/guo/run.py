@@ -227,9 +227,7 @@ def _pictures(
     )
 
 
-def summary(
-    experiment: GuoExperiment, series: GuoSeries, detection: pd.DataFrame, hypotheses: pd.DataFrame
-) -> Summary:
+def summary(experiment: GuoExperiment, series: GuoSeries, detection: pd.DataFrame, hypotheses: pd.DataFrame) -> Summary:
     """The blocks of the summary; tables are those of their names."""
     g = series.geometry
     letters = np.array(g.systems)[g.satellite]
@@ -256,8 +254,7 @@ def summary(
         TextTable.of(header, nominal),
         "At thresholds of equal false-alarm rate (comparable):",
         TextTable.of(header, equal),
-        f"Lines of the paper that a reading comes within {100 * _CLOSE:g} points of at every bias: "
-        f"{near or 'none'}.",
+        f"Lines of the paper that a reading comes within {100 * _CLOSE:g} points of at every bias: {near or 'none'}.",
     )
 
 

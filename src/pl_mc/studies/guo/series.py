@@ -204,9 +204,7 @@ def _drawn_table(
     for test, at in zip(tests, defined.T, strict=True):
         if test.name == "chi2":
             known = (table.test == test.test) & (table.reading == test.label) & (table.level == LEVELS[0])
-            exact = np.array(
-                [chi2_detection(degrees[at], p_fa, bias**2 * per_metre[at]).mean() for bias in biases_m]
-            )
+            exact = np.array([chi2_detection(degrees[at], p_fa, bias**2 * per_metre[at]).mean() for bias in biases_m])
             p_value = binomial_p_value(table.detections[known], table.draws[known], exact)
             table.loc[known, ["exact_rate", "exact_p_value"]] = np.stack([exact, p_value], axis=-1)
     return table

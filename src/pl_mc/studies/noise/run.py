@@ -361,9 +361,7 @@ def _exposures(rows: pd.DataFrame, assumed: int) -> Summary:
     methods, first = list(dict.fromkeys(rows.method)), rows.iloc[0]
     cases = list(product(dict.fromkeys(rows.fault), methods))
     by_case = rows.set_index(["tau_s", "fault", "method"]).sort_index()
-    cells = [
-        [f"{tau:g}", *(_exposure(by_case.loc[tau, *case]) for case in cases)] for tau in dict.fromkeys(rows.tau_s)
-    ]
+    cells = [[f"{tau:g}", *(_exposure(by_case.loc[tau, *case]) for case in cases)] for tau in dict.fromkeys(rows.tau_s)]
     budget = [
         f"{percent(assumed_share(rows[(rows.fault == fault) & (rows.method == method)], assumed))} %"
         for fault, method in cases

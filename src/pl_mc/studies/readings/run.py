@@ -174,8 +174,7 @@ def answer(tables: Mapping[str, pd.DataFrame], experiment: ReadingsExperiment) -
         f"The base reading ({base.reading}) meets the paper's robust column within a typical factor of "
         f"{_factor(base)} and its least-squares column within {_factor(base, 'before')}; 1 would be every value "
         "met.",
-        f"Nearest of {len(table)} readings in the robust column is {near.varies}: {near.reading}, at "
-        f"{_factor(near)}.",
+        f"Nearest of {len(table)} readings in the robust column is {near.varies}: {near.reading}, at {_factor(near)}.",
         f"Farthest is {far.varies}: {far.reading}, at {_factor(far)}.",
     )
 

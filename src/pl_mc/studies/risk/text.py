@@ -326,9 +326,7 @@ def answer(tables: Mapping[str, pd.DataFrame], experiment: RiskExperiment) -> tu
     for (event, method), group in _groups(worst[worst.probability.notna()], "event", "method"):
         row = group.loc[group.probability.idxmax()]
         bounds = "(exact)" if row.low == row.high else f"[{_number(row.low)}, {_number(row.high)}]"
-        faults.append(
-            f"{method_label(method)}, {_EVENTS[event]}: {_number(row.probability)} {bounds} at {row.fault}"
-        )
+        faults.append(f"{method_label(method)}, {_EVENTS[event]}: {_number(row.probability)} {bounds} at {row.fault}")
     totals = [
         f"{method_label(row.method)}, {_EVENTS[row.event]}, {_number(row.risk_per_approach)} "
         f"[{_number(row.risk_low)}, {_number(row.risk_high)}] against {row.target:g}, {row.verdict}"

@@ -156,9 +156,7 @@ def solved(experiment: SeriesExperiment, series: Series, redraw: int) -> tuple[p
     return table, faults
 
 
-def _pictures(
-    experiment: SeriesExperiment, table: pd.DataFrame, flight: pd.DataFrame | None
-) -> tuple[Picture, ...]:
+def _pictures(experiment: SeriesExperiment, table: pd.DataFrame, flight: pd.DataFrame | None) -> tuple[Picture, ...]:
     """The figures under the paper's numbers."""
     satellites, before, after, levels = PAPER[experiment.compare].figures
     plain, robust = table.method.unique()

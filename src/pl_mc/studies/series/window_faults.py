@@ -69,9 +69,7 @@ class WindowFaults(Strict):
         if any(last < first for first, last in windows) or any(
             later[0] <= earlier[1] for earlier, later in itertools.pairwise(windows)
         ):
-            raise ValueError(
-                f"windows go from a first to a last epoch, in order and apart from each other; got {ends}"
-            )
+            raise ValueError(f"windows go from a first to a last epoch, in order and apart from each other; got {ends}")
         return windows
 
     @field_validator("highest_m")
@@ -98,9 +96,7 @@ class WindowFaults(Strict):
         for number, (first, last) in enumerate(self.windows):
             places = np.flatnonzero((g.epoch >= first) & (g.epoch <= last))
             if first < g.epoch[0] or last > g.epoch[-1] or places.size == 0:
-                raise InputError(
-                    f"faults.windows: {first}-{last} is outside the series, {g.epoch[0]}-{g.epoch[-1]}."
-                )
+                raise InputError(f"faults.windows: {first}-{last} is outside the series, {g.epoch[0]}-{g.epoch[-1]}.")
             candidates = in_view_throughout(g, places)
             if candidates.size < self.satellites:
                 raise InputError(
@@ -153,7 +149,6 @@ def _uniforms(
         key = jax.random.fold_in(jax.random.fold_in(stream, np.uint32(redraw)), np.uint32(window))
         keys = [jax.random.fold_in(key, np.uint32(purpose)) for purpose in range(3)]
         order, sizes, signs = (
-            np.asarray(jax.random.uniform(part, shape, np.float64))
-            for part, shape in zip(keys, shapes, strict=True)
+            np.asarray(jax.random.uniform(part, shape, np.float64)) for part, shape in zip(keys, shapes, strict=True)
         )
     return order, sizes, signs

@@ -182,9 +182,7 @@ def checks(experiment: ServiceExperiment, g: Geometry | None) -> Iterator[Check]
 def worst_sites(volume: ServiceVolume) -> pd.DataFrame:
     """The sites with the lowest availability of each method and operation, of those below one."""
     parts = [
-        volume.worst_sites(method, limits.name, most=WORST)
-        for method in volume.methods
-        for limits in volume.operations
+        volume.worst_sites(method, limits.name, most=WORST) for method in volume.methods for limits in volume.operations
     ]
     return pd.concat([rows[rows.availability_rate < 1.0] for rows in parts], ignore_index=True)
 

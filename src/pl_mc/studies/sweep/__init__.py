@@ -14,9 +14,5 @@ QUESTIONS = {
 }
 
 STUDY = Study(
-    model=SweepExperiment,
-    question=lambda experiment: QUESTIONS[experiment.view],
-    run=run,
-    answer=answer,
-    sweeps=sweeps,
+    model=SweepExperiment, question=lambda experiment: QUESTIONS[experiment.view], run=run, answer=answer, sweeps=sweeps
 )

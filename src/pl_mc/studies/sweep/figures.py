@@ -173,9 +173,7 @@ def map_figure(rates: pd.DataFrame, *, event: str, alert: AlertLimits, title: st
     places = np.arange(len(satellites))
     height_in = 1.0 + (1.0 + 0.115 * len(satellites)) * len(methods)
     figure, axes = new_figure(len(methods), 1, width_in=9.0, height_in=height_in, sharex=True)
-    figure.suptitle(
-        f"{title}: {_MEANING[event]}, mean over the biases; VAL {alert.vertical_m:g} m", x=0.01, ha="left"
-    )
+    figure.suptitle(f"{title}: {_MEANING[event]}, mean over the biases; VAL {alert.vertical_m:g} m", x=0.01, ha="left")
     column = f"{event}_rate"
     floor = 0.5 / rates.draws.max()
     norm = Normalize(0.0, 1.0) if event == "alarm" else LogNorm(floor, max(float(rates[column].max()), 10 * floor))
@@ -188,9 +186,7 @@ def map_figure(rates: pd.DataFrame, *, event: str, alert: AlertLimits, title: st
             grid.columns, places, np.where(np.isfinite(values), 0.0, np.nan), cmap="gray", vmin=-7.0, vmax=0.5,
             shading="nearest", rasterized=True,
         )  # fmt: skip
-        shown = (
-            np.ma.masked_invalid(values) if event == "alarm" else np.ma.masked_less_equal(np.nan_to_num(values), 0)
-        )
+        shown = np.ma.masked_invalid(values) if event == "alarm" else np.ma.masked_less_equal(np.nan_to_num(values), 0)
         image = panel.pcolormesh(
             grid.columns, places, shown, norm=norm, cmap="viridis", shading="nearest", rasterized=True
         )

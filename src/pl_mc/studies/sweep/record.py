@@ -68,9 +68,7 @@ class SweepExperiment(Experiment):
         view = info.data.get("view", "faults")
         for field in _MISPLACED[view]:
             if isinstance(given, dict) and field in given:
-                _refuse(
-                    f"nothing can stand here in the view {view} (nearest: view = 'faults')", given[field], field
-                )
+                _refuse(f"nothing can stand here in the view {view} (nearest: view = 'faults')", given[field], field)
         return _FORMS[view].validate_python(given)
 
 

@@ -117,9 +117,7 @@ def by_satellite(experiment: SweepExperiment, execution: Execution) -> Findings:
                 figures.realisation_figure(one_draw, alert=alert, title=title),
                 "Vertical protection level of one draw of noise against the bias.",
             ),
-            Picture(
-                "ramp_rates", figures.ramp_figure(ramp, levels, curve, alert=alert, title=title), _RAMP_CAPTION
-            ),
+            Picture("ramp_rates", figures.ramp_figure(ramp, levels, curve, alert=alert, title=title), _RAMP_CAPTION),
             Picture(
                 "ramp_satellites",
                 figures.satellite_figure(satellites, described, alert=alert, title=title),

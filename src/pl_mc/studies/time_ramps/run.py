@@ -111,10 +111,7 @@ def run(experiment: TimeRampsExperiment, execution: Execution) -> Findings:
     return Findings(
         summary=summary(shown, geometry, experiment),
         tables=(Table("time_to_alert", table), Table("geometry", geometry)),
-        pictures=(
-            alert_figure(shown, alert=alert, title=experiment.title),
-            late_figure(shown, title=experiment.title),
-        ),
+        pictures=(alert_figure(shown, alert=alert, title=experiment.title), late_figure(shown, title=experiment.title)),
         notes=left_out + notes_on_igg3(experiment, int(geometry.redundant.max())),
     )
 
@@ -213,8 +210,7 @@ def summary(table: pd.DataFrame, geometry: pd.DataFrame, experiment: TimeRampsEx
         rates, groups = _dangerous(rows), _by_rate(rows, same_methods(table))
         named = [f"{rate:g} m/s" for rate in rates]
         lates = [
-            [name, row_rate(own.iloc[0], *_FALSE), *(_lates(own.loc[rate]) for rate in rates)]
-            for name, own in groups
+            [name, row_rate(own.iloc[0], *_FALSE), *(_lates(own.loc[rate]) for rate in rates)] for name, own in groups
         ]
         times = [[name, *(_times(own.loc[rate]) for rate in rates)] for name, own in groups]
         blocks += [

@@ -65,9 +65,7 @@ def _gains(table: pd.DataFrame) -> Iterator[str]:
         parts = [_gain(rows, str(aim)) for aim, rows in group.groupby("tuned_for", sort=False)]
         yield f"At {target:g}: {'; '.join(parts)}."
     if len(exact):
-        parts = [
-            f"{row.vpl_m:.3g} m and {percent(row.alarm_rate)} % at {row.target:g}" for row in exact.itertuples()
-        ]
+        parts = [f"{row.vpl_m:.3g} m and {percent(row.alarm_rate)} % at {row.target:g}" for row in exact.itertuples()]
         yield f"Least squares: a mean VPL and fault-free alarms of {', '.join(parts)} (exact)."
 
 

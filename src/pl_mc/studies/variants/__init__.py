@@ -7,8 +7,7 @@ from pl_mc.studies.variants.text import answer
 
 STUDY = Study(
     model=VariantsExperiment,
-    question="Which choice within IGG-III decides how often it alarms, misleads, misses or throws out good "
-    "satellites?",
+    question="Which choice within IGG-III decides how often it alarms, misleads, misses or throws out good satellites?",
     run=run,
     answer=answer,
     sweeps=sweeps,

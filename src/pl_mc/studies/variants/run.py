@@ -81,9 +81,7 @@ def _planned(experiment: VariantsExperiment) -> tuple[PlannedSweep, tuple[FaultC
         *fault_classes(series[weak], both, WEAKEST, sizes_m),
     )
     # Faults that both epochs have in common are counted once.
-    rows = {
-        label: bias_m for of in classes for label, bias_m in zip(of.faults.labels, of.faults.bias_m, strict=True)
-    }
+    rows = {label: bias_m for of in classes for label, bias_m in zip(of.faults.labels, of.faults.bias_m, strict=True)}
     every = Faults(np.stack(list(rows.values())), both.names, tuple(rows))
     return PlannedSweep("sweep", both, every, experiment.draws), classes
 

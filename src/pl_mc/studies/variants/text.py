@@ -211,8 +211,7 @@ def _worst_cells(variants: pd.DataFrame, swamping: pd.DataFrame) -> TextTable:
         worst = [(event, _worst(ramp, event)) for event in _SHOWN]
         worst += [("swamped", _worst(weights, "swamped"))] if len(weights) else []
         cells = [
-            event_text(row, event) + (f" at {row.bias_m:g} m" if row[f"{event}_rate"] else "")
-            for event, row in worst
+            event_text(row, event) + (f" at {row.bias_m:g} m" if row[f"{event}_rate"] else "") for event, row in worst
         ]
         rows.append([group, variant, *cells, *([] if len(weights) else ["-"])])
     return TextTable.of(["group", "variant", *_SHOWN, "swamped"], rows)
