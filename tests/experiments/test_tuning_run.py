@@ -17,6 +17,9 @@ from pl_mc.input_errors import InputError
 from pl_mc.integrity_risk.tuning import tune
 from pl_mc.methods import Igg3
 
+# Draws are many here, and compilations few.
+pytestmark = pytest.mark.counting
+
 # Seven satellites: of pairs there are a sixth as many as of sixteen.
 SKY = {"epochs": 1, "constellations": ("GPS",), "without": ("G19",)}
 # The room exports the function under the name of its file.

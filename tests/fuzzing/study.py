@@ -23,8 +23,9 @@ from mutations import MUTATIONS
 from outcomes import FINDINGS, STRANGE_ARGUMENTS, Case, cases, outcomes
 from subjects import subjects
 
-from pl_mc.experiments.output import result_folder, write_table
+from pl_mc.experiments.output import result_folder
 from pl_mc.report.figures import in_common_look, new_figure, save_figure
+from pl_mc.report.files import write_table
 from pl_mc.statistics.intervals import clopper_pearson
 
 SIGN = "fuzz.csv"

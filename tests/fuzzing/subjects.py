@@ -176,7 +176,7 @@ def _manifest(path: Path) -> Read:
     (folder / "manifest.json").write_bytes(path.read_bytes())
     # Whatever a page is made of.
     run = read_run_folder(folder)
-    assert isinstance((run.kind, run.title, run.notes, run.alert), tuple)
+    assert isinstance((run.kind, run.title, run.notes), tuple)
     if refused is not None:
         raise refused
     return Read({})

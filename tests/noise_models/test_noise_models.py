@@ -181,11 +181,9 @@ def delay_distribution(noise: Multipath, row: int) -> stats.rv_continuous:
         chance *= np.exp(-np.degrees(G.elevation_rad[row]) / noise.decay_deg)
 
     def cdf(x: FloatArray) -> FloatArray:
-        if noise.law == "exponential":
-            late = stats.exponnorm.cdf(x, size)
-        else:
-            # The mean of the normal function over the interval, from its integral x ndtr(x) + phi(x).
-            late = (integral(x) - integral(x - size)) / size
+        # The mean of the normal function over the interval, from its integral x ndtr(x) + phi(x).
+        uniform = (integral(x) - integral(x - size)) / size
+        late = stats.exponnorm.cdf(x, size) if noise.law == "exponential" else uniform
         return (1 - chance) * special.ndtr(x) + chance * late
 
     return cdf
