@@ -162,3 +162,40 @@ def test_wrong_fields_of_the_kind_are_named(package: Path) -> None:
     (problem,) = check_experiment(str(path)).problems
     assert (problem.field, problem.line) == ("drawz", 3)
     assert "draws" in problem.reason
+
+
+def test_what_a_kind_gets_wrong_most_easily_is_told_before_anything_is_written(package: Path, tmp_path: Path) -> None:
+    from pl_mc.report.document import Paragraph
+    from pl_mc.report.files import write_findings
+    from pl_mc.report.findings import Findings, Table
+
+    table = Table("rates", pd.DataFrame({"draws": [1]}))
+    folder = tmp_path / "nothing"
+    folder.mkdir()
+    for findings, answer, words in (
+        (Findings("One text.", (table,)), ("a",), "tuples"),
+        (Findings((Paragraph("a"),), (table,)), "One text.", "tuples"),
+        (Findings((Paragraph("a"),), (table, table)), ("a",), "two tables have one name"),
+    ):
+        with pytest.raises((TypeError, ValueError), match=words):
+            write_findings(findings, folder, title="t", kind="quiet", question="?", answer=answer, val_m=35.0)
+    assert not list(folder.iterdir())
+
+
+@pytest.mark.parametrize(
+    ("lines", "field", "words"),
+    [
+        ('kind = ["map"]\ntitle = "t"\n', "kind", "is unknown"),
+        ('kind = "map"\nview = "satellites"\ntitle = "t"\n', "kind", "'map' is unknown"),
+        ('kind = "sweep"\nview = "maps"\ntitle = "t"\ndraws = 5\nfaults = { start_m = 1.0 }\n', "view", "not 'maps'"),
+    ],
+    ids=["a list", "a former kind with a view", "an unknown view"],
+)
+def test_kinds_and_views_that_are_none_are_named_and_nothing_else(
+    lines: str, field: str, words: str, tmp_path: Path
+) -> None:
+    path = tmp_path / "wrong.toml"
+    path.write_text(lines)
+    (problem,) = check_experiment(str(path)).problems
+    assert problem.field == field
+    assert words in problem.reason

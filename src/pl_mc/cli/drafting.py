@@ -42,7 +42,7 @@ def init(which: str = "sweep", /, *, out: Path | None = None) -> None:
 
     `pl-mc init stanford --out my.toml` begins with the packaged experiment of that name.
 
-    `pl-mc init map` prints one of the kind `map`.
+    `pl-mc init sweep` prints one of the kind `sweep`.
 
     Parameters
     ----------

@@ -31,6 +31,8 @@ def report(folder: Path, /, *, json: Json = False, quiet: Quiet = False) -> None
     else:
         for sentence in result.answer:
             print(sentence)
+        for note in result.notes:
+            print(f"- {note}")
         print(f"Report: {folder / result.page}")
 
 

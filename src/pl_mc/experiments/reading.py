@@ -52,7 +52,10 @@ def remake_page(folder: Path) -> RunResult:
         meanings = meanings_of(experiment)
         document = document or document_of_files(run, experiment)
     write_page(replace(run, document=document), meanings=meanings)
-    return RunResult(folder=folder, summary=run.summary, notes=run.notes, answer=document.answer, page=PAGE)
+    gone = [f"{entry.name}.csv" for entry in document.tables if entry.name not in run.tables]
+    gone += [f"{entry.name}.png" for entry in document.figures if entry.name not in run.figures]
+    notes = (*run.notes, *(f"{name} is not in the folder; the page does without it." for name in gone))
+    return RunResult(folder=folder, summary=run.summary, notes=notes, answer=document.answer, page=PAGE)
 
 
 def document_of_files(run: RunFolder, experiment: Experiment) -> Document:

@@ -34,7 +34,7 @@ def charts_of(
         val_m: vertical alert limit, drawn where a quantity is a level [m].
 
     Raises:
-        InputError: a table without a column that its chart names.
+        InputError: a table without a column that its chart names, or with words in one of numbers.
     """
     drawn = ((entry.name, entry.chart) for entry in entries if entry.name in tables)
     made = (chart_data(name, chart, tables[name], val_m=val_m) for name, chart in drawn if chart is not None)
@@ -51,6 +51,10 @@ def chart_data(name: str, chart: Chart, table: pd.DataFrame, *, val_m: float) ->
     absent = [column for column in columns if column not in table]
     if absent:
         raise InputError(f"{name}: its chart needs columns that are not there: {', '.join(absent)}.")
+    numbers = [chart.x, *itertools.chain(*((each.value, each.low, each.high) for each in chart.quantities))]
+    words = next((column for column in numbers if not pd.api.types.is_numeric_dtype(table[column])), None)
+    if words is not None:
+        raise InputError(f"{name}.csv: {words}: its chart needs a number in every row.")
     table = table[table[chart.x].notna()]
     # A column that is the same everywhere needs no menu.
     menus = [menu for menu in chart.menus if table[menu].nunique() > 1]

@@ -182,6 +182,9 @@ def _rates(name: str, first: pd.DataFrame, second: pd.DataFrame, notes: list[str
     keys = [key for key in _KEYS if key in first and key in second]
     if total is None or not counts or not keys or ("detections" in counts and "test" not in keys):
         return None
+    for column in (total, *counts, *keys):
+        if pd.api.types.is_numeric_dtype(first[column]) != pd.api.types.is_numeric_dtype(second[column]):
+            raise InputError(f"{name}.csv: {column}: it holds numbers in one of the runs and words in the other.")
     second = _renamed(first, second, notes)
     if first.duplicated(keys).any() or second.duplicated(keys).any():
         return None

@@ -50,6 +50,12 @@ def write_findings(
     Returns:
         The document, which is stored too.
     """
+    # What a new kind of experiment gets wrong most easily, and would see only in its files.
+    if isinstance(findings.summary, str) or isinstance(answer, str):
+        raise TypeError(f"{kind}: summary and answer are tuples, of blocks and of sentences, not one text each")
+    names = [table.name for table in findings.tables]
+    if len(set(names)) < len(names):
+        raise ValueError(f"{kind}: two tables have one name ({', '.join(names)})")
     for table in findings.tables:
         write_table(table.data, folder, table.name, stored=table.stored)
     for picture in findings.pictures:

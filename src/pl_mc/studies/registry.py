@@ -44,6 +44,9 @@ class Registry(Mapping[str, Study]):
         assert isinstance(study, Study)
         return study
 
+    def __contains__(self, kind: object) -> bool:
+        return isinstance(kind, str) and kind in self.folders
+
     def __iter__(self) -> Iterator[str]:
         return iter(self.folders)
 
@@ -55,8 +58,12 @@ KINDS = Registry(_FOLDERS)
 
 
 def in_todays_words(content: Mapping[str, Any]) -> dict[str, Any]:
-    """The fields of an experiment, where an earlier version has written them under the name of a former kind."""
-    return dict(content) | _FORMER.get(str(content.get("kind")), {})
+    """The fields of an experiment, where an earlier version has written them under the name of a former kind.
+
+    With a view beside it a former kind is no experiment of that version, and stays as it is, to be refused.
+    """
+    former = {} if "view" in content else _FORMER.get(str(content.get("kind")), {})
+    return dict(content) | former
 
 
 def study_of(experiment: Experiment) -> Study:

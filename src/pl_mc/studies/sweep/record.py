@@ -65,7 +65,10 @@ class SweepExperiment(Experiment):
     @field_validator("faults", mode="before")
     @classmethod
     def _in_the_form_of_the_view(cls, given: Any, info: ValidationInfo) -> Any:
-        view = info.data.get("view", "faults")
+        if "view" not in info.data:
+            # Whatever form it has, another view may be meant.
+            return RampSizes(start_m=0.0, stop_m=0.0, step_m=1.0)
+        view = info.data["view"]
         for field in _MISPLACED[view]:
             if isinstance(given, dict) and field in given:
                 _refuse(f"nothing can stand here in the view {view} (nearest: view = 'faults')", given[field], field)
