@@ -10,7 +10,6 @@ from pathlib import Path
 from typing import Any
 
 import jax
-import psutil
 import pytest
 from hypothesis import HealthCheck, settings
 
@@ -51,7 +50,6 @@ WAYS: dict[str, dict[str, Any]] = {
     "optimised": {},
 }
 WAY_VARIABLE = "PL_MC_TEST_COMPILER"
-MUCH_BYTES = 1.0e9
 QUICK, *OTHERS = WAYS
 
 
@@ -76,15 +74,11 @@ class Compilation:
         return self.collect(*args, env_options_overrides=chosen, **kwargs)
 
     def choose(self, file: Path, way: str) -> None:
-        """What was compiled in another way goes, and at a new file whatever there is where it is much.
-
-        Nothing else lets go of it: processes grew to four gigabytes.
-        """
-        large = file != self.file and psutil.Process().memory_info().rss > MUCH_BYTES
-        if way != self.way or large:
+        """What was compiled in another way, or for another file, goes: processes grew to four gigabytes."""
+        if (file, way) != (self.file, self.way):
+            self.file, self.way = file, way
             jax.clear_caches()
             gc.collect()
-        self.file, self.way = file, way
 
 
 COMPILATION = Compilation()
