@@ -132,13 +132,14 @@ def _almanac(path: Path) -> Read:
 
 def _precise(path: Path) -> Read:
     orbits = sp3_orbits(path, START_GPS_S + np.array([3000.0, 4500.0]), constellations=("GPS", "BDS-2"))
-    return Read({
+    numbers = {
         f"{name} {epoch} {k}": float(orbits.position_m[epoch, j, k])
         for j, name in enumerate(orbits.names)
         for epoch in range(2)
         for k in range(3)
         if np.isfinite(orbits.position_m[epoch, j, k])
-    })  # fmt: skip
+    }
+    return Read(numbers, orbits.notes)
 
 
 def _same_unpacked(one: bytes, other: bytes) -> bool:

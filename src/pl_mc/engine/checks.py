@@ -64,7 +64,7 @@ def require_errors(g: Geometry, errors_m: ArrayLike) -> NDArray[np.float64]:
 
 
 def notes_on_faults(g: Geometry, faults: Faults) -> tuple[str, ...]:
-    """A sentence for each satellite of a fault that is out of view at some epochs, and so gives no row there."""
+    """What the geometry's file lacks, and satellites of faults that are out of view at epochs, which give no row."""
     applies = faults.applies(g)
     epochs = applies.shape[0]
     notes: dict[tuple[str, ...], int] = {}
@@ -72,7 +72,7 @@ def notes_on_faults(g: Geometry, faults: Faults) -> tuple[str, ...]:
         if not applies[:, k].all():
             names = tuple(np.array(faults.names)[faults.bias_m[k] != 0])
             notes[names] = int((~applies[:, k]).sum())
-    return tuple(
+    return g.notes + tuple(
         f"{', '.join(names)}: out of view at {count} of {epochs} epochs, which give no row."
         for names, count in notes.items()
     )

@@ -170,5 +170,5 @@ def examine(
         }
         parts.append(pd.DataFrame(columns))
     table = pd.concat(parts).sort_values("epoch", kind="stable").reset_index(drop=True)
-    table.attrs["notes"] = list(notes)
+    table.attrs["notes"] = [*g.notes, *notes]
     return table

@@ -45,6 +45,7 @@ class Geometry:
         names: satellites that appear in any epoch ("G02"); for a single epoch exactly its rows, in order.
         systems: RINEX letter of each satellite of ``names``.
         clocks: RINEX letters of each clock column; several letters ("GC") where systems share a clock.
+        notes: sentences about what the file behind the geometry lacks.
     """
 
     design: NDArray[np.float64]
@@ -56,6 +57,7 @@ class Geometry:
     names: tuple[str, ...] = _static()
     systems: tuple[str, ...] = _static()
     clocks: tuple[str, ...] = _static()
+    notes: tuple[str, ...] = field(default=(), compare=False, metadata={"static": True})
 
     @classmethod
     def from_arrays(
@@ -124,6 +126,7 @@ class Geometry:
         clocks: Sequence[str],
         epoch: ArrayLike | None = None,
         time_gps_s: ArrayLike | None = None,
+        notes: Sequence[str] = (),
     ) -> Geometry:
         """A series of epochs from one row per known satellite, packed to the largest number in view at once.
 
@@ -135,6 +138,7 @@ class Geometry:
             clocks: RINEX letters of each clock column.
             epoch: (epochs,), epoch numbers; 0, 1, 2, ... unless given.
             time_gps_s: (epochs,), GPS time [s].
+            notes: sentences about what the file behind the geometry lacks.
 
         Satellites never in view are left out. Epochs may have fewer satellites than unknowns: a sweep counts them
         as unavailable.
@@ -183,6 +187,7 @@ class Geometry:
             names=tuple(names[i] for i in seen),
             systems=tuple(systems[i] for i in seen),
             clocks=clocks,
+            notes=tuple(notes),
         )
 
     @property
@@ -247,6 +252,7 @@ class Geometry:
             names=tuple(self.names[i] for i in kept),
             systems=tuple(self.systems[i] for i in kept),
             clocks=tuple(c for c, used in zip(self.clocks, columns[POSITION_UNKNOWNS:], strict=True) if used),
+            notes=self.notes,
         )
 
     def as_series(self) -> Geometry:

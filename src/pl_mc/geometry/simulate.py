@@ -59,11 +59,12 @@ def simulate(
         constellations: names of `pl_mc.geometry.constellations.CONSTELLATIONS`.
         without: satellites that are switched off.
         almanac: a YUMA or SEM file, whose healthy satellites take the place of the nominal GPS.
-        sp3: an SP3-c or SP3-d file, plain or gzipped, whose satellites take the place of all nominal ones, at its
-            positions interpolated by RTKLIB; not together with an almanac. All epochs lie within those of the file.
-            C01 to C18 are BDS-2, C19 to C63 BDS-3. A satellite is out of view at epochs that need a position which
-            the file gives as 0 or 999999.999999, or marks as one during a manoeuvre: from five intervals before it
-            to six after it.
+        sp3: an SP3 file, plain or gzipped, whose satellites take the place of all nominal ones, at its positions
+            interpolated; not together with an almanac. All epochs lie within those of the file. C01 to C18 are
+            BDS-2, C19 to C63 BDS-3. A satellite is out of view at epochs that need a position which the file leaves
+            out, gives as 0 or 999999.999999, or marks as one during a manoeuvre, or which lies on no orbit with
+            those beside it: from five and a half intervals before it to as many after it. ``notes`` of the result
+            says so.
         error_model: name of an error model, or an object that serves as one.
 
     Returns:
@@ -123,7 +124,8 @@ def simulate(
     if visible is not None:
         in_view &= _visibility(visible, in_view.shape)
     if not in_view.any():
-        raise InputError(f"geometry: no satellite is above the mask of {mask_deg:g} deg at any epoch.")
+        why = f" ({' '.join(satellites.notes).rstrip('.')})" if satellites.notes else ""
+        raise InputError(f"geometry: no satellite is above the mask of {mask_deg:g} deg at any epoch{why}.")
 
     systems = tuple(name[0] for name in satellites.names)
     seen = {systems[k] for k in np.flatnonzero(in_view.any(axis=0))}
@@ -156,6 +158,7 @@ def simulate(
         systems=systems,
         clocks=clocks,
         time_gps_s=time_gps_s,
+        notes=satellites.notes,
     )
 
 

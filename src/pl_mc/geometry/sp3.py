@@ -1,7 +1,7 @@
-"""Precise orbits: satellite positions of SP3-c and SP3-d files, interpolated to the epochs of a simulation.
+"""Precise orbits: satellite positions of SP3 files, interpolated to the epochs of a simulation.
 
-The text is checked in `pl_mc.geometry.sp3_text`; RTKLIB then reads what was checked and interpolates, in a process
-of its own with a time limit (`pl_mc.geometry.sp3_worker`).
+`pl_mc.geometry.sp3_reader` reads the file. Here its positions are held against the orbits that they lie on, and a
+polynomial of degree ten is put through the eleven around each epoch, in axes that do not turn with the Earth.
 
 Positions are those of the centres of mass in the Earth-fixed axes of the file at the time asked for. As with
 nominal orbits, antenna offsets (under 3 m), travel time and the rotation of the Earth during it are left out; the
@@ -11,32 +11,39 @@ last two turn a line of sight by the satellite's speed over that of light, 1.4e-
 from __future__ import annotations
 
 import os
-import tempfile
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from pl_mc.constants import EARTH_GM_M3_S2, EARTH_ROTATION_RAD_S
-from pl_mc.geometry import sp3_worker as worker
-from pl_mc.geometry.sp3_text import NUMBERS, Sp3Table, iso_date, read_sp3_text
+from pl_mc.geometry.sp3_reader import NODES, Sp3Table, iso_date, read_sp3
 from pl_mc.input_errors import InputError, nearest, shown
-from pl_mc.runtime.rtklib_child import run_rtklib_child
+
+# System letter and numbers of each constellation. BeiDou-2 and BeiDou-3 share the letter; the numbers to C18 belong
+# to the second generation, those from C19 on to the third.
+NUMBERS = {"GPS": ("G", 1, 32), "GAL": ("E", 1, 36), "BDS-2": ("C", 1, 18), "BDS-3": ("C", 19, 63)}
 
 # Synchronous orbits have a radius of 42,164 km, medium ones of BeiDou 27,906 km; geostationary ones are inclined by
 # under 10 degrees, the inclined ones by 55 (BDS-SIS-ICD-2.1, section 3.1).
 _SYNCHRONOUS_RADIUS_M = 3.5e7
 _GEO_INCLINATION_RAD = np.radians(20.0)
 
-# What pulls besides a point mass. Oblateness: 1.5 J2 GM R^2 / r^4, 5.3e-5 m/s^2 at 26,560 km, times at most 1.4 at
-# the latitudes that are reached; 9e-5 at the perigee of the two Galileos in eccentric orbits. Moon and Sun: 1e-5.
-_OTHER_PULLS_M_S2 = 1e-4
-_TRUNCATION_M = 10.0
+# Oblateness: J2 and the radius that belongs to it (WGS 84).
+_J2, _RADIUS_M = 1.0826e-3, 6_378_137.0
 
-# Time that the child may take: some seconds for the start, and many times the usual speed for the rest.
-_START_LIMIT_S, _LIMIT_S_PER_POSITION, _LIMIT_S_PER_MEGABYTE = 30.0, 5e-4, 5.0
+# What pulls besides, in a synchronous orbit: the Moon by up to 2 GM r / d^3 = 7.3e-6 m/s^2, the Sun by 3.3e-6; what
+# else the Earth's field has 6e-7, sunlight 1e-7.
+_OTHER_PULLS_M_S2 = 1.5e-5
+
+# Four times the rounding of a file, half a millimetre in each coordinate, and what its author's orbit is off.
+_ROUNDING_M = 0.05
+
+# A satellite with more positions that lie on no orbit than these is left out as a whole.
+_MOST_OFF = 5
 
 
 @dataclass(frozen=True)
@@ -48,11 +55,13 @@ class PreciseOrbits:
         orbits: m classes of orbit, as error models know them: GPS, GAL, BDS-MEO, BDS-IGSO, BDS-GEO.
         position_m: (e, m, 3), Earth-fixed [m]; NaN where the file leaves one of the eleven positions around the
             epoch out.
+        notes: sentences about what was left out.
     """
 
     names: tuple[str, ...]
     orbits: tuple[str, ...]
     position_m: NDArray[np.float64]
+    notes: tuple[str, ...] = ()
 
 
 def sp3_orbits(
@@ -61,42 +70,52 @@ def sp3_orbits(
     """The satellites of an SP3 file at given times.
 
     Args:
-        path: an SP3-c or SP3-d file, plain or gzipped, with at least eleven epochs, at most 900 s apart.
+        path: an SP3 file, versions a to d, plain or gzipped, with at least eleven epochs, at most 900 s apart, in
+            any of the time systems of the format.
         time_gps_s: (e,), times from the first to the last epoch of the file, GPS seconds [s].
         constellations: names of `NUMBERS`.
         without: satellites of the file to leave out.
 
-    A position that is missing (0, 0, 0 or 999999.999999) or marked as one during a manoeuvre is not used, nor is
-    any interpolated from it: the satellite has no position at those epochs. One that has none at all is left out.
+    A position that is missing (left out, 0, 0, 0 or 999999.999999), marked as one during a manoeuvre, or on no orbit
+    with those beside it is not used, nor is any interpolated from it: the satellite has no position at those epochs,
+    which `PreciseOrbits.notes` says. One that has none at all is left out.
 
     Raises:
-        InputError: a file that is missing, cut short, damaged, of another kind or version, or of other times; a
-            constellation or satellite that is not in it. The sentence names the file and, where it is damaged, the
-            line.
+        InputError: a file that is missing, of another kind or of other times; a constellation or satellite that is
+            not in it.
     """
     if not isinstance(path, str | os.PathLike):
         raise InputError(f"sp3: the path of an SP3 file is needed, not {shown(path)}.")
-    path = Path(path)
-    table = read_sp3_text(path, {NUMBERS[name][0] for name in constellations})
+    table = read_sp3(Path(path), {NUMBERS[name][0] for name in constellations})
     times = np.asarray(time_gps_s, dtype=float)
     _require_inside(table, times)
-    names = _chosen(table, constellations, without)
-    columns = [table.names.index(name) for name in names]
-    orbits = _classes_of_orbit(table, columns)
-    kept = [(name, orbit, k) for name, orbit, k in zip(names, orbits, columns, strict=True) if orbit]
+    columns = [table.names.index(name) for name in _chosen(table, constellations, without)]
+    names = [table.names[k] for k in columns]
+    still = _turned(table.position_m[:, columns], table.time_gps_s - table.first_gps_s)
+    notes = [*table.notes, *_without_outliers(table, names, still)]
+    position_m = _turned(_interpolated(table, still, times), table.first_gps_s - times)
+    orbits = [_class_of_orbit(name, still[:, k]) for k, name in enumerate(names)]
+    kept = [k for k, orbit in enumerate(orbits) if orbit]
     if not kept:
-        raise InputError(f"{path}: it holds no position of {', '.join(constellations)}.")
-    names, orbits, columns = (list(part) for part in zip(*kept, strict=True))
-    return PreciseOrbits(names=tuple(names), orbits=tuple(orbits), position_m=_interpolated_m(table, columns, times))
+        why = f" ({notes[0].rstrip('.')})" if notes else ""
+        raise InputError(f"{table.path}: it holds no position of {', '.join(constellations)} that can be used{why}.")
+    notes += _gaps(table, names, still, position_m, kept)
+    return PreciseOrbits(
+        names=tuple(names[k] for k in kept),
+        orbits=tuple(orbits[k] for k in kept),
+        position_m=position_m[:, kept],
+        notes=tuple(notes),
+    )
 
 
 def _require_inside(table: Sp3Table, time_gps_s: NDArray[np.float64]) -> None:
     """Raise `InputError` where a time lies before the first or after the last epoch of the file."""
+    begin, end = float(table.time_gps_s[0]), float(table.time_gps_s[-1])
     first, last = float(time_gps_s.min()), float(time_gps_s.max())
     # The digits of a float64 at 1.4e9 s are 2e-7 s.
-    if first >= table.first_gps_s - 1e-6 and last <= table.last_gps_s + 1e-6:
+    if first >= begin - 1e-6 and last <= end + 1e-6:
         return
-    said = [iso_date(time_s) for time_s in (table.first_gps_s, table.last_gps_s, first, last)]
+    said = [iso_date(time_s) for time_s in (begin, end, first, last)]
     raise InputError(
         f"{table.path}: it covers {said[0]} to {said[1]} (GPS time), but the epochs asked for are {said[2]} to "
         f"{said[3]}; choose start, epochs and interval within it."
@@ -127,104 +146,146 @@ def _chosen(table: Sp3Table, constellations: Sequence[str], without: Sequence[st
     return left
 
 
-def _classes_of_orbit(table: Sp3Table, columns: Sequence[int]) -> list[str]:
-    """Class of orbit of each satellite; empty where it has no two positions in a row.
+def _turned(position_m: NDArray[np.float64], after_s: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Positions (e, m, 3) turned by what the Earth turns in the times (e,)."""
+    angle = EARTH_ROTATION_RAD_S * after_s[:, None]
+    x, y, z = np.moveaxis(position_m, -1, 0)
+    return np.stack([x * np.cos(angle) - y * np.sin(angle), x * np.sin(angle) + y * np.cos(angle), z], axis=-1)
 
-    Raises:
-        InputError: a position that does not lie on one orbit with those before and after it.
-    """
-    turned = EARTH_ROTATION_RAD_S * table.interval_s * np.arange(len(table.epochs))[:, None]
-    x, y, z = np.moveaxis(table.position_m[:, columns], -1, 0)
-    still = np.stack([x * np.cos(turned) - y * np.sin(turned), x * np.sin(turned) + y * np.cos(turned), z], axis=-1)
-    _require_orbits(table, columns, still)
+
+def _class_of_orbit(name: str, still: NDArray[np.float64]) -> str:
+    """Class of orbit of a satellite, from its positions (n, 3) in axes that stand still; empty where it has none."""
     normal = np.cross(still[:-1], still[1:])
-    orbits = []
-    for k, column in enumerate(columns):
-        name = table.names[column]
-        has = np.isfinite(normal[:, k, 0])
-        if not has.any():
-            orbits.append("")
-        elif name[0] != "C":
-            orbits.append({"G": "GPS", "E": "GAL"}[name[0]])
-        elif np.nanmedian(np.linalg.norm(still[:, k], axis=-1)) < _SYNCHRONOUS_RADIUS_M:
-            orbits.append("BDS-MEO")
-        else:
-            cosine = normal[has, k, 2] / np.linalg.norm(normal[has, k], axis=-1)
-            inclination = np.arccos(np.clip(np.median(cosine), -1.0, 1.0))
-            orbits.append("BDS-GEO" if inclination < _GEO_INCLINATION_RAD else "BDS-IGSO")
-    return orbits
+    normal = normal[np.isfinite(normal[:, 0])]
+    if not len(normal):
+        return ""
+    if name[0] != "C":
+        return {"G": "GPS", "E": "GAL"}[name[0]]
+    if np.nanmedian(np.linalg.norm(still, axis=-1)) < _SYNCHRONOUS_RADIUS_M:
+        return "BDS-MEO"
+    inclination = np.arccos(np.clip(np.median(normal[:, 2] / np.linalg.norm(normal, axis=-1)), -1.0, 1.0))
+    return "BDS-GEO" if inclination < _GEO_INCLINATION_RAD else "BDS-IGSO"
 
 
-def _require_orbits(table: Sp3Table, columns: Sequence[int], still: NDArray[np.float64]) -> None:
-    """Raise `InputError` unless the second differences of positions are what the Earth's pull makes of them.
+def _without_outliers(table: Sp3Table, names: Sequence[str], still: NDArray[np.float64]) -> list[str]:
+    """Make positions (n, m, 3) that lie on no orbit with those beside them missing; a note for each satellite."""
+    found: dict[int, list[tuple[int, float]]] = {}
+    for _ in range(_MOST_OFF + 1):
+        off, limit = _off_orbit_m(table, still)
+        worst = off.argmax(axis=0)
+        for k in np.flatnonzero((off > limit).any(axis=0)).tolist():
+            found.setdefault(k, []).append((int(worst[k]) + 1, float(off[worst[k], k]) / 2))
+            still[worst[k] + 1, k] = np.nan
+    notes = []
+    for k, outliers in found.items():
+        if len(outliers) > _MOST_OFF:
+            still[:, k] = np.nan
+            continue
+        told = ", ".join(f"{iso_date(table.time_gps_s[row])} ({off_m:.0f} m)" for row, off_m in sorted(outliers))
+        notes.append(
+            f"{table.path.name}: {names[k]} lies off the orbit of the positions before and after at {told}; the file "
+            "is damaged or the satellite was moved, and it counts as missing there."
+        )
+    lost = [names[k] for k, outliers in found.items() if len(outliers) > _MOST_OFF]
+    if lost:
+        notes.append(f"{table.path.name}: the positions of {', '.join(lost)} lie on no orbit.")
+    return notes
 
-    Numerov's rule: r(-h) - 2 r(0) + r(h) = h^2 (a(-h) + 10 a(0) + a(h)) / 12 up to h^6 / 240 times the sixth
-    derivative: 1 m in a circle at 26,560 km with h = 900 s, under 10 m at the eccentricity 0.16 of two Galileos.
-    What pulls besides the point mass is bounded.
+
+def _off_orbit_m(table: Sp3Table, still: NDArray[np.float64]) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    """(n - 2, m), by how much second differences of positions are other than what the Earth's pull makes of them,
+    0 where one is missing; and by how much they may be (m,) [m].
+
+    Numerov's rule: r(-h) - 2 r(0) + r(h) = h^2 (a(-h) + 10 a(0) + a(h)) / 12 - h^2 d4(a) / 240, with the fourth
+    difference of the pull, which grows with interval and eccentricity: 1 m in a circle at 26,560 km with h = 900 s,
+    10 m at the eccentricity 0.16 of two Galileos. A position that is 1 km off changes that term by 1 m. The Earth
+    pulls as it does, or, in orbits that are computed as ellipses, as if it were round.
     """
-    pull = -EARTH_GM_M3_S2 * still / np.linalg.norm(still, axis=-1, keepdims=True) ** 3
+    distance = np.linalg.norm(still, axis=-1, keepdims=True)
+    flat, polar = 1.5 * _J2 * (_RADIUS_M / distance) ** 2, 5 * (still[..., 2:] / distance) ** 2
+    pull = -EARTH_GM_M3_S2 * still / distance**3
+    # Beside a gap of the file nothing can be said.
+    pull[np.flatnonzero(np.diff(table.place) > 1)] *= np.nan
     step2 = table.interval_s**2
-    off = still[:-2] - 2 * still[1:-1] + still[2:] - step2 / 12 * (pull[:-2] + 10 * pull[1:-1] + pull[2:])
-    off_m = np.nan_to_num(np.linalg.norm(off, axis=-1))
-    if off_m.size and off_m.max() > _OTHER_PULLS_M_S2 * step2 + _TRUNCATION_M:
-        epoch, k = divmod(int(off_m.argmax()), len(columns))
-        name, line = table.names[columns[k]], table.line[epoch + 1, columns[k]]
-        raise InputError(
-            f"{table.path}, line {line}: this position of {name} and those before and after it lie "
-            f"{off_m.max() / 2:.0f} m off an orbit; the file is damaged, or the satellite was moved "
-            "(without switches it off)."
-        )
+    second = still[:-2] - 2 * still[1:-1] + still[2:]
+    pulls = (pull, pull * (1 + flat * (np.array([1.0, 1.0, 3.0]) - polar)))
+    off_m = [np.linalg.norm(second - step2 / 12 * (a[:-2] + 10 * a[1:-1] + a[2:]), axis=-1) for a in pulls]
+    fourth = np.nan_to_num(np.linalg.norm(np.diff(pull, 4, axis=0), axis=-1)).max(axis=0)
+    limit_m = _OTHER_PULLS_M_S2 * step2 + step2 / 240 * 1.5 * fourth + _ROUNDING_M
+    return np.nan_to_num(np.minimum(*off_m)), limit_m
 
 
-def _interpolated_m(table: Sp3Table, columns: Sequence[int], time_gps_s: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Positions by `sp3_worker.interpolated_m` (e, m, 3), computed in a process of its own."""
-    names = [table.names[k] for k in columns]
-    texts = {
-        letter: _plain(table, [k for k in columns if table.names[k][0] == letter])
-        for letter in {name[0] for name in names}
-    }
-    limit_s = (
-        _START_LIMIT_S
-        + _LIMIT_S_PER_POSITION * len(names) * len(time_gps_s)
-        + _LIMIT_S_PER_MEGABYTE * sum(map(len, texts.values())) / 1e6
-    )
-    with tempfile.TemporaryDirectory(prefix="pl_mc_") as folder:
-        for letter, text in texts.items():
-            Path(folder, f"{letter}.sp3").write_text(text, encoding="latin-1", newline="\n")
-        # Within the digits of the time, no epoch lies outside the file.
-        np.save(Path(folder, worker.TIMES), time_gps_s.clip(table.first_gps_s, table.last_gps_s))
-        run_rtklib_child(
-            worker.__file__,
-            [folder, ",".join(names)],
-            limit_s=limit_s,
-            exit_no_library=worker.EXIT_NO_LIBRARY,
-            owner="sp3",
-            given_up=lambda limit: f"{table.path}: interpolating it was given up after {limit}.",
-            failed=lambda reason: f"{table.path}: RTKLIB cannot evaluate it ({reason}); is it damaged?",
-        )
-        return np.load(Path(folder, worker.RESULT))
+def _interpolated(table: Sp3Table, still: NDArray[np.float64], time_gps_s: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Positions (e, m, 3) at the times; NaN where one of the eleven positions around a time is missing.
+
+    The polynomial of degree ten through the eleven positions nearest to a time, by the second barycentric formula
+    (Berrut and Trefethen 2004, SIAM Review 46, equation 4.2). It is one of `_anomaly`, in which ellipses are as
+    smooth as circles: in time it would be off by 1.2 m in the first quarter of an hour at an eccentricity of 0.16.
+    """
+    place = table.place
+    where = np.clip((time_gps_s - table.first_gps_s) / table.interval_s, place[0], place[-1])
+    start = np.clip(np.floor(where + 0.5).astype(np.int64) - NODES // 2, place[0], place[-1] - NODES + 1)
+    row = np.searchsorted(place, start).clip(0, len(place) - NODES)
+    whole = (place[row] == start) & (place[row + NODES - 1] == start + NODES - 1)
+    result = np.full((len(where), still.shape[1], 3), np.nan)
+    for k in range(still.shape[1]):
+        anomaly = np.lib.stride_tricks.sliding_window_view(_anomaly(table, still[:, k], place), NODES)
+        apart = anomaly[:, :, None] - anomaly[:, None] + np.eye(NODES)
+        away = _anomaly(table, still[:, k], where)[:, None] - anomaly[row]
+        share = (1 / apart.prod(axis=-1))[row] / np.where(away == 0, 1.0, away)
+        # At a position itself the polynomial is that position.
+        share = np.where((away == 0).any(axis=1)[:, None], away == 0, share)
+        share /= share.sum(axis=1, keepdims=True)
+        result[:, k] = sum(share[:, j, None] * still[row + j, k] for j in range(NODES))
+    return np.where(whole[:, None, None], result, np.nan)
 
 
-def _plain(table: Sp3Table, columns: Sequence[int]) -> str:
-    """An SP3-c file of some satellites, positions alone, with the 22 lines of header that RTKLIB counts on."""
-    names = [table.names[k] for k in columns]
-    rows = [names[17 * k : 17 * (k + 1)] for k in range(5)]
-    lines = [
-        f"#cP{table.date} {len(table.epochs):7d} ORBIT IGS20 FIT  ANY",
-        f"## {int(table.first_gps_s // 604_800):4d} {table.first_gps_s % 604_800:15.8f} {table.interval_s:14.8f}",
-        *(
-            f"+  {len(names) if k == 0 else '':>3}   " + "".join(row) + "  0" * (17 - len(row))
-            for k, row in enumerate(rows)
-        ),
-        *["++       " + "  0" * 17] * 5,
-        "%c M  cc GPS ccc cccc cccc cccc cccc ccccc ccccc ccccc ccccc",
-        "%c cc cc ccc ccc cccc cccc cccc cccc ccccc ccccc ccccc ccccc",
-        *["%f  0.0000000  0.000000000  0.00000000000  0.000000000000000"] * 2,
-        *["%i    0    0    0    0      0      0      0      0         0"] * 2,
-        *["/*"] * 4,
-    ]
-    none = f"{0:14.6f}" * 3
-    for epoch, row in zip(table.epochs, table.coordinates, strict=True):
-        lines.append(epoch)
-        lines += [f"P{table.names[k]}{row[k] or none}{999_999.999999:14.6f}" for k in columns]
-    return "\n".join([*lines, "EOF", ""])
+def _anomaly(table: Sp3Table, still: NDArray[np.float64], place: NDArray[Any]) -> NDArray[np.float64]:
+    """The eccentric anomaly of a satellite [rad] at places (k,) of the table's grid, as of an ellipse.
+
+    Its elements are those of the position (n, 3) in the middle, with the velocity that its neighbours give: the mean
+    of both sides, less the third derivative's share. They need not be exact, for they only say where to be dense.
+    """
+    has = np.flatnonzero(np.isfinite(still[:-2] + still[1:-1] + still[2:]).all(axis=1) & (np.diff(table.place, 2) == 0))
+    if not len(has):
+        return np.asarray(place, dtype=float)
+    at = int(has[len(has) // 2])
+    before, here, after = still[at : at + 3]
+    pull_m_s2 = [-EARTH_GM_M3_S2 * r / np.linalg.norm(r) ** 3 for r in (before, after)]
+    h = table.interval_s
+    speed = (after - before) / (2 * h) - h / 12 * (pull_m_s2[1] - pull_m_s2[0])
+    radius = np.linalg.norm(here)
+    axis = 1 / (2 / radius - speed @ speed / EARTH_GM_M3_S2)
+    if axis <= 0:
+        return np.asarray(place, dtype=float)
+    across, along = 1 - radius / axis, here @ speed / np.sqrt(EARTH_GM_M3_S2 * axis)
+    eccentricity, first = np.hypot(across, along), np.arctan2(along, across)
+    motion = np.sqrt(EARTH_GM_M3_S2 / axis**3) * h
+    mean = first - eccentricity * np.sin(first) + motion * (place - table.place[at + 1])
+    anomaly = mean.astype(float)
+    for _ in range(20):
+        anomaly = mean + eccentricity * np.sin(anomaly)
+    return anomaly
+
+
+def _gaps(
+    table: Sp3Table,
+    names: Sequence[str],
+    still: NDArray[np.float64],
+    position_m: NDArray[np.float64],
+    kept: Sequence[int],
+) -> list[str]:
+    """Sentences about satellites of the file that have no position at some or all epochs asked for."""
+    none = [name for k, name in enumerate(names) if k not in kept]
+    notes = [f"{table.path.name}: no position of {', '.join(none)}, left out."] if none else []
+    hidden = np.isnan(position_m[..., 0]).sum(axis=0)
+    for k in kept:
+        lacking = np.flatnonzero(np.isnan(still[:, k, 0]))
+        gap = int(table.place[-1]) + 1 - len(table.place) + len(lacking)
+        if hidden[k]:
+            first = f", the first at {iso_date(table.time_gps_s[lacking[0]])}" if len(lacking) else ""
+            notes.append(
+                f"{table.path.name}: {names[k]} lacks {gap} of {int(table.place[-1]) + 1} positions{first}; it is out "
+                f"of view at {hidden[k]} of {len(position_m)} epochs."
+            )
+    return notes

@@ -53,6 +53,8 @@ def write_findings(
     # What a new kind of experiment gets wrong most easily, and would see only in its files.
     if isinstance(findings.summary, str) or isinstance(answer, str):
         raise TypeError(f"{kind}: summary and answer are tuples, of blocks and of sentences, not one text each")
+    # Several tables of one geometry say the same of it.
+    notes = tuple(dict.fromkeys(findings.notes))
     names = [table.name for table in findings.tables]
     if len(set(names)) < len(names):
         raise ValueError(f"{kind}: two tables have one name ({', '.join(names)})")
@@ -65,7 +67,7 @@ def write_findings(
     for name, text in findings.texts.items():
         (folder / name).write_text(text, encoding="utf-8")
     document = Document(
-        title=title, kind=kind, question=question, answer=answer, notes=findings.notes, val_m=val_m,
+        title=title, kind=kind, question=question, answer=answer, notes=notes, val_m=val_m,
         summary=tuple(Paragraph(block) if isinstance(block, str) else block for block in findings.summary),
         tables=tuple(TableEntry(table.name, table.chart) for table in findings.tables if table.stored != "parquet"),
         figures=tuple(_entry(picture, title) for picture in findings.pictures),

@@ -65,7 +65,7 @@ class SiteSource(SimulatedGeometry):
     def series(self, *, draws: int, seed: int, precision: str) -> Series:
         """The series with ``draws`` draws of noise."""
         g = self.build()
-        return Series(g, drawn_errors_m(g, draws=draws, seed=seed, precision=precision), {}, ())
+        return Series(g, drawn_errors_m(g, draws=draws, seed=seed, precision=precision), {}, g.notes)
 
     def describe(self) -> str:
         """The source in words."""

@@ -43,9 +43,7 @@ class SimulatedGeometry(Strict):
     almanac: Path | None = Field(
         default=None, description="YUMA or SEM file whose healthy satellites take the place of the nominal GPS"
     )
-    sp3: Path | None = Field(
-        default=None, description="SP3-c or SP3-d file whose satellites take the place of all nominal ones"
-    )
+    sp3: Path | None = Field(default=None, description="SP3 file whose satellites take the place of all nominal ones")
     error_model: str = "residual"
     error_options: dict[str, Any] = Field(default_factory=dict)
     epoch: int | None = Field(default=None, ge=0)

@@ -202,6 +202,7 @@ def run(experiment: NoiseExperiment, execution: Execution) -> Findings:
         summary=summary(experiment, g, tables),
         tables=tuple(Table(name, table, _CHARTS.get(name)) for name, table in tables.items()),
         pictures=(noise_figure(tables["factors"], experiment), exposure_figure(tables["exposures"], **drawn)),
+        notes=g.notes,
     )
 
 

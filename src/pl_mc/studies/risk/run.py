@@ -83,4 +83,5 @@ def run(experiment: RiskExperiment, execution: Execution) -> Findings:
                 "The multiplier that keeps a target, and its price in alarms.",
             ),
         ),
+        notes=g.notes,
     )  # fmt: skip

@@ -84,6 +84,7 @@ def run(experiment: StanfordExperiment, execution: Execution) -> Findings:
         summary=summary(experiment, g, counts, regions),
         tables=(Table("stanford", counts.cells()), Table("regions", regions)),
         pictures=(stanford_figure(plane, regions, grid.edges_m, alert=alert, title=experiment.title),),
+        notes=g.notes,
     )
 
 

@@ -46,8 +46,9 @@ def planned(experiment: SweepExperiment) -> tuple[tuple[PlannedSweep, ...], tupl
     g, given, draws = experiment.geometry.build(), experiment.faults, experiment.draws
     if isinstance(given, RampSizes):
         series = g.as_series()
-        return (PlannedSweep("sweep", series, _on_every_satellite(experiment, series), draws),), ()
+        return (PlannedSweep("sweep", series, _on_every_satellite(experiment, series), draws),), g.notes
     faults, notes = given.build(g)
+    notes = g.notes + notes
     if experiment.draws_per_satellite is None:
         return (PlannedSweep("sweep", g, faults, draws, experiment.noise.build()),), notes
     return (

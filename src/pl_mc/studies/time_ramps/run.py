@@ -112,7 +112,7 @@ def run(experiment: TimeRampsExperiment, execution: Execution) -> Findings:
         summary=summary(shown, geometry, experiment),
         tables=(Table("time_to_alert", table), Table("geometry", geometry)),
         pictures=(alert_figure(shown, alert=alert, title=experiment.title), late_figure(shown, title=experiment.title)),
-        notes=left_out + notes_on_igg3(experiment, int(geometry.redundant.max())),
+        notes=g.notes + left_out + notes_on_igg3(experiment, int(geometry.redundant.max())),
     )
 
 

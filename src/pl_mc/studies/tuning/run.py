@@ -76,6 +76,7 @@ def run(experiment: TuningExperiment, execution: Execution) -> Findings:
                 "Mean level and fault-free alarms of default and tuned limits, each with the multiplier it needs.",
             ),
         ),
+        notes=g.notes,
     )  # fmt: skip
 
 

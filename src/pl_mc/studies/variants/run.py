@@ -177,6 +177,7 @@ def run(experiment: VariantsExperiment, execution: Execution) -> Findings:
             )
             for geometry in (WEAKEST, STRONGEST)
         ),
+        notes=planned.g.notes,
     )
 
 
