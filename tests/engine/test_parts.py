@@ -2,12 +2,14 @@
 
 from __future__ import annotations
 
+import dataclasses
 import shutil
 import tempfile
 from pathlib import Path
 
 import numpy as np
 import pandas as pd
+import pyarrow as pa
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
@@ -132,6 +134,59 @@ def test_whole_files_of_another_place_are_known(stored, tmp_path, monkeypatch):
         monkeypatch.setattr(identity, "environment", lambda: there)
         with pytest.raises(BadPart, match=r"another environment \(jaxlib: .* before, 0\.0\.1 now\)"):
             CheckpointStore(tmp_path, small.task(), resume=True).read(0)
+
+
+def _forged(rows: pd.DataFrame, kind: str) -> pd.DataFrame:
+    """Rows of a part that somebody has changed."""
+    if kind == "more draws":
+        return rows.assign(draws=10 * rows.draws)
+    if kind == "reversed":
+        return rows[::-1].reset_index(drop=True)
+    if kind == "halves":
+        return rows.assign(**{name: rows[name] + 0.5 for name in COUNTS})
+    if kind == "another epoch":
+        return rows.assign(epoch=rows.epoch + 1)
+    if kind == "another method":
+        return rows.assign(method=rows.method.astype(str).str.replace("ls", "huber").astype("category"))
+    if kind == "another fault":
+        return rows.assign(fault=rows.fault.astype(str).str.replace("40", "50").astype("category"))
+    if kind == "another bias":
+        return rows.assign(bias_m=rows.bias_m + 1.0)
+    if kind == "fewer rows":
+        return rows[:-1]
+    if kind == "one alarm more":
+        return rows.assign(alarms=rows.alarms + 1)
+    if kind == "more than drawn":
+        return rows.assign(exceeded=rows.draws + 1)
+    assert kind == "a column less"
+    return rows.drop(columns="missed")
+
+
+@pytest.mark.parametrize(
+    "kind",
+    ["more draws", "reversed", "halves", "another epoch", "another method", "another fault", "another bias",
+     "fewer rows", "one alarm more", "more than drawn", "a column less"],
+)  # fmt: skip
+def test_forged_parts_are_held_against_the_plan(stored, whole, tmp_path, kind):
+    """With a checksum that is right and the task named: everything but the counts is known beforehand."""
+    shutil.copytree(stored, tmp_path, dirs_exist_ok=True)
+    with cut(3):
+        store = CheckpointStore(tmp_path, small.task(), resume=True)
+        rows = pd.read_parquet(store.place(2))
+
+        class Forger(SweepTask):
+            def part_rows(self, part: object) -> pa.Table:
+                return pa.Table.from_pandas(_forged(rows, kind), preserve_index=False)
+
+        task = small.task()
+        forger = Forger(**{field.name: getattr(task, field.name) for field in dataclasses.fields(task)})
+        CheckpointStore(tmp_path, forger, resume=True).write(store.read(2))
+        assert is_whole(store.place(2).read_bytes())
+        with pytest.raises(BadPart, match=r"part-000002\.parquet: not a part as this version writes it \("):
+            store.read(2)
+        table = small.run(folder=tmp_path, resume=True)
+    assert_same(table, whole)
+    assert "part-000002.parquet: not a part" in " ".join(table.attrs["notes"])
 
 
 def test_rows_of_parts_add_up_to_the_table(stored, whole, by_epoch):

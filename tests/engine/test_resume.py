@@ -7,6 +7,7 @@ import errno
 import json
 import os
 import random
+import shutil
 import signal
 import subprocess
 import sys
@@ -14,17 +15,18 @@ import tempfile
 import time
 from pathlib import Path
 
+import numpy as np
 import pandas as pd
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
 import pl_mc
-from pl_mc.engine import checkpoint_store
 from pl_mc.engine.checkpoint_store import CheckpointStore
 from pl_mc.engine.task import SweepTask
 from pl_mc.input_errors import InputError
 from pl_mc.methods import Igg3, as_methods
+from pl_mc.runtime import whole_files
 from reference import small_sweep as small
 from reference.small_sweep import assert_same, cut
 
@@ -265,13 +267,37 @@ def test_a_record_that_cannot_be_read(finished, tmp_path, content):
             small.run(folder=tmp_path, resume=True, shard=(12, 12))
         (tmp_path / IDENTITY_FILE).write_bytes(content)
         before = small.contents(tmp_path)
-        with pytest.raises(InputError, match=rf"{IDENTITY_FILE}: this record of a sweep cannot be read \(.+\)"):
-            small.run(folder=tmp_path, resume=True)
+        # Where no part is of this sweep they are somebody else's.
+        with pytest.raises(InputError, match=r"another sweep, which .* \(its record cannot be read, and no part is of"):
+            small.run(folder=tmp_path, resume=True, seed=50)
         assert small.contents(tmp_path) == before
         # The parts speak for themselves.
+        found = small.run(folder=tmp_path, resume=True)
+        assert_same(found, table)
+        assert f"{tmp_path / IDENTITY_FILE}: it was damaged; the parts say" in " ".join(found.attrs["notes"])
         (tmp_path / IDENTITY_FILE).unlink()
         assert_same(small.run(folder=tmp_path, resume=True), table)
     assert small.contents(tmp_path) == small.contents(folder)
+
+
+def test_a_flipped_bit_of_the_record_costs_nothing(finished, tmp_path):
+    """Wherever it is, in a number or in a name; the parts are not counted again, and the record is what it was."""
+    table, folder = finished
+    shutil.copytree(folder, tmp_path, dirs_exist_ok=True)
+    content = (folder / IDENTITY_FILE).read_bytes()
+    place, rng = tmp_path / IDENTITY_FILE, np.random.default_rng(64)
+    told = 0
+    with cut(2):
+        for at in [content.index(b"1287") + 2, *rng.integers(0, len(content), 12).tolist()]:
+            place.write_bytes(content[:at] + bytes([content[at] ^ 1 << int(rng.integers(7))]) + content[at + 1 :])
+            with small.counted_calls() as calls:
+                found = small.run(folder=tmp_path, resume=True)
+            assert calls == []
+            assert_same(found, table)
+            told += f"{place}: it was damaged" in " ".join(found.attrs["notes"])
+            if told:
+                assert small.contents(tmp_path) == small.contents(folder)
+    assert told >= 10
 
 
 def test_the_record_can_be_read_by_others(finished):
@@ -296,7 +322,7 @@ def test_a_full_disk(finished, file, workers):
     with cut(2), tempfile.TemporaryDirectory() as name:
         here = Path(name, "sweep")
         with pytest.MonkeyPatch.context() as patch:
-            patch.setattr(checkpoint_store.os, "fsync", full)
+            patch.setattr(whole_files.os, "fsync", full)
             with pytest.raises(InputError) as caught:
                 small.run(folder=here, workers=workers)
         place = here / (f"part-{file - 1:06d}.parquet" if file else IDENTITY_FILE)

@@ -12,9 +12,9 @@ import pandas as pd
 
 from pl_mc.benchmark.accuracy import Difference, Disagreement, EventRate
 from pl_mc.benchmark.measure import Rate, Ratio
-from pl_mc.engine.checkpoint_store import write_whole
 from pl_mc.input_errors import InputError, require_positive, require_whole
 from pl_mc.report.text import markdown_table, rate_text
+from pl_mc.runtime.whole_files import write_whole
 
 
 @dataclass(frozen=True)
@@ -114,7 +114,7 @@ def write_texts(files: dict[str, str], folder: Path) -> None:
     try:
         folder.mkdir(parents=True, exist_ok=True)
         for name, content in files.items():
-            write_whole(folder / name, content.encode())
+            write_whole(folder / name, content)
     except OSError as error:
         reason = (error.strerror or str(error)).lower()
         raise InputError(f"{folder}: the results cannot be written ({reason}).") from None

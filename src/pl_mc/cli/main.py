@@ -1,11 +1,13 @@
 """The command line, ``pl-mc``: one file beside this one for each sort of command.
 
-Exit codes: 0 done, 2 input that cannot be used (a sentence for each error on standard error), 130 interrupted.
-Nothing is left half-written by the last two.
+Exit codes: 0 done, 2 input that cannot be used (a sentence for each error on standard error), 130 interrupted by
+Ctrl-C, 143 by SIGTERM, 129 by SIGHUP. Nothing is left half-written by any of them.
 """
 
 from __future__ import annotations
 
+import contextlib
+import os
 import sys
 from collections.abc import Sequence
 
@@ -15,6 +17,7 @@ from cyclopts import App
 import pl_mc
 from pl_mc.cli import drafting, reading, running
 from pl_mc.input_errors import InputError
+from pl_mc.runtime.stopping import stoppable
 
 app = App(
     name="pl-mc",
@@ -25,7 +28,7 @@ Begin with `pl-mc list`, `pl-mc run ramp`, and open `runs/ramp/report.html`. For
 `pl-mc init --out my.toml`, `pl-mc check my.toml`, `pl-mc run my.toml`. `pl-mc COMMAND --help` shows examples.
 """,
     help_epilogue="""Exit codes: 0 done; 2 input that cannot be used, with a sentence for each error on standard
-error; 130 interrupted. Nothing is left half-written.
+error; 130 interrupted (143 by SIGTERM, 129 by SIGHUP). Nothing is left half-written.
 
 Results go to standard output, progress and errors to standard error. Colours appear on terminals alone,
 and not where NO_COLOR is set. Completion of commands and options: `pl-mc --install-completion`.
@@ -48,16 +51,25 @@ app.register_install_completion_command()
 
 
 def main(arguments: Sequence[str] | None = None) -> None:
-    """Entry point: bad input becomes one sentence and exit code 2."""
-    try:
-        code = app(arguments, exit_on_error=False, print_error=False, result_action="return_value")
-    except (InputError, cyclopts.CycloptsError) as error:
-        text = " ".join(str(error).split()) if isinstance(error, cyclopts.CycloptsError) else str(error)
-        print(f"pl-mc: {text}", file=sys.stderr)
-        sys.exit(2)
-    except KeyboardInterrupt as stop:
-        print(f"pl-mc: {str(stop) or 'interrupted; nothing was written.'}", file=sys.stderr)
-        sys.exit(130)
+    """Entry point: bad input becomes one sentence and exit code 2; without arguments those of the process are taken."""
+    with stoppable() as stops:
+        try:
+            code = app(arguments, exit_on_error=False, print_error=False, result_action="return_value")
+        except (InputError, cyclopts.CycloptsError) as error:
+            text = " ".join(str(error).split()) if isinstance(error, cyclopts.CycloptsError) else str(error)
+            print(f"pl-mc: {text}", file=sys.stderr)
+            sys.exit(2)
+        except KeyboardInterrupt as stop:
+            said = str(stop) or "interrupted; nothing was written."
+            by = f" by {stops.name}" if stops.exit_code != 130 else ""
+            print(f"pl-mc: {said.replace('interrupted', f'interrupted{by}', 1)}", file=sys.stderr)
+            if arguments is None:
+                # Threads of the compiler that still run do not survive the end of Python in good order.
+                for stream in (sys.stdout, sys.stderr):
+                    with contextlib.suppress(OSError, ValueError):
+                        stream.flush()
+                os._exit(stops.exit_code)
+            sys.exit(stops.exit_code)
     # A check says by its code what it found.
     if isinstance(code, int) and code:
         sys.exit(code)

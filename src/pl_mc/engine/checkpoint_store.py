@@ -10,9 +10,7 @@ from __future__ import annotations
 import contextlib
 import hashlib
 import json
-import os
 import re
-import secrets
 from collections.abc import Collection, Iterator, Mapping
 from pathlib import Path
 from typing import Any, Generic
@@ -23,6 +21,7 @@ import pyarrow.parquet as pq
 
 from pl_mc.engine.part_task import ASKED, WHERE, Identity, P, Task, differences, fingerprint, identity_of
 from pl_mc.input_errors import InputError
+from pl_mc.runtime.whole_files import write_whole
 
 _KEY = b"pl_mc"
 
@@ -72,14 +71,19 @@ class CheckpointStore(Generic[P]):
                 "to start anew."
             )
         self._record = folder / task.kind.record
+        self._rewritten = False
         if stored and self._record.is_file():
-            before = self._read_record()
             # Several machines may share a folder for their shares, or their parts may have been gathered in one.
             sections = (ASKED,) if any_machine or self._shared else (ASKED, WHERE)
-            if changed := differences(before, self.identity, sections):
+            before = self._read_record()
+            changed = differences(before or {}, self.identity, sections)
+            # A record that a disk has damaged says nothing: each part names what it is of.
+            self._rewritten = bool(changed) and self._has_parts(sections)
+            if changed and not self._rewritten:
+                why = "; ".join(changed) if before else "its record cannot be read, and no part is of this one"
                 raise InputError(
                     f"{folder}: the parts here belong to another {task.kind.name}, which cannot be resumed "
-                    f"({'; '.join(changed)}); remove the folder to start anew."
+                    f"({why}); remove the folder to start anew."
                 )
 
     def begin(self) -> None:
@@ -93,19 +97,28 @@ class CheckpointStore(Generic[P]):
             for path in self.folder.glob(".*"):
                 if self._is_leftover(path.name):
                     path.unlink(missing_ok=True)
-            if not self.stored() or not self._record.is_file():
-                write_whole(self._record, (json.dumps(self.identity, indent=2) + "\n").encode())
+            if self._rewritten or not self.stored() or not self._record.is_file():
+                write_whole(self._record, json.dumps(self.identity, indent=2) + "\n")
 
-    def _read_record(self) -> Identity:
-        what = f"record of a {self.task.kind.name}"
+    def _read_record(self) -> Identity | None:
+        """What the folder says it is of; nothing where it cannot be read."""
         try:
             found = json.loads(self._record.read_text(encoding="utf-8"))
-            if not isinstance(found, dict) or not all(isinstance(section, dict) for section in found.values()):
-                raise ValueError(f"it is no {what}")
-        except (OSError, ValueError) as error:
-            reason = " ".join(str(error).split())
-            raise InputError(f"{self._record}: this {what} cannot be read ({reason}); remove the folder.") from None
-        return found
+        except (OSError, ValueError, RecursionError):
+            return None
+        sound = isinstance(found, dict) and all(isinstance(section, dict) for section in found.values())
+        return found if sound else None
+
+    def _has_parts(self, sections: Collection[str]) -> bool:
+        """Whether a part file says that it is of this task, and of this environment where that is asked for."""
+        for number in self.stored():
+            with contextlib.suppress(BadPart):
+                _, about = self._opened(number)
+                if about["experiment"] == self._asked and (
+                    WHERE not in sections or about["environment"] == self.identity[WHERE]
+                ):
+                    return True
+        return False
 
     def _is_leftover(self, name: str) -> bool:
         if name.startswith(f".{self._record.name}."):
@@ -145,6 +158,26 @@ class CheckpointStore(Generic[P]):
             BadPart: the file is not what was written, or it is of another task.
         """
         place = self.place(number)
+        file, about = self._opened(number)
+        held, where = about["part"], about["environment"]
+        if about["experiment"] != self._asked:
+            raise BadPart(f"{place}: a part of another {self.task.kind.name}")
+        if held != number:
+            raise BadPart(f"{place}: it holds part {held}")
+        if where != self.identity[WHERE] and not self._any_machine:
+            changed = differences({WHERE: where}, self.identity, (WHERE,))
+            raise BadPart(f"{place}: counted in another environment ({'; '.join(changed)})")
+        try:
+            part = self.task.part_of(number, file.read())
+        except (pa.ArrowException, AttributeError, KeyError, TypeError, ValueError) as error:
+            raise BadPart(f"{place}: {_unlike(error)}") from None
+        if where != self.identity[WHERE] and where not in self.elsewhere:
+            self.elsewhere.append(where)
+        return part
+
+    def _opened(self, number: int) -> tuple[pq.ParquetFile, dict[str, Any]]:
+        """A part file, whole to the byte, and what it says of itself; a `BadPart` where it is none."""
+        place = self.place(number)
         try:
             content = place.read_bytes()
         except OSError as error:
@@ -155,24 +188,14 @@ class CheckpointStore(Generic[P]):
         try:
             file = pq.ParquetFile(pa.BufferReader(content))
             about = json.loads(file.metadata.metadata[_KEY])
-            held, experiment, where = about["part"], about["experiment"], about["environment"]
-            if experiment != self._asked:
-                raise BadPart(f"{place}: a part of another {self.task.kind.name}")
-            if held != number:
-                raise BadPart(f"{place}: it holds part {held}")
-            if where != self.identity[WHERE] and not self._any_machine:
-                changed = differences({WHERE: where}, self.identity, (WHERE,))
-                raise BadPart(f"{place}: counted in another environment ({'; '.join(changed)})")
-            part = self.task.part_of(number, file.read())
+            return file, {key: about[key] for key in ("part", "experiment", "environment")}
         except (pa.ArrowException, KeyError, TypeError, ValueError) as error:
-            raise BadPart(f"{place}: not a part as this version writes it ({type(error).__name__})") from None
-        if where != self.identity[WHERE] and where not in self.elsewhere:
-            self.elsewhere.append(where)
-        return part
+            raise BadPart(f"{place}: {_unlike(error)}") from None
 
     def notes(self) -> list[str]:
-        """A sentence for each other environment in which parts that were read were counted."""
-        return [
+        """A sentence about a record that was written anew, and for each other environment of parts that were read."""
+        rewritten = f"{self._record}: it was damaged; the parts say what they are of, and it was written anew."
+        return [rewritten] * self._rewritten + [
             f"{self.folder}: parts were counted in another environment "
             f"({'; '.join(differences({WHERE: where}, self.identity, (WHERE,)))}), where a single scenario at the "
             f"edge of {self.task.kind.edge} can count otherwise."
@@ -184,20 +207,6 @@ def read_rows(folder: Path) -> Iterator[pd.DataFrame]:
     """The rows of each part file of a folder, in order of the parts."""
     for _, path in _part_files(folder):
         yield pd.read_parquet(path)
-
-
-def write_whole(place: Path, content: bytes) -> None:
-    """Write a file that is there whole or not at all, also if the process or the machine stops meanwhile."""
-    # Process numbers alone are no name: containers that share a folder have the same.
-    working = place.with_name(f".{place.name}.{os.getpid()}-{secrets.token_hex(4)}")
-    try:
-        with working.open("xb") as file:
-            file.write(content)
-            file.flush()
-            os.fsync(file.fileno())
-        os.replace(working, place)
-    finally:
-        working.unlink(missing_ok=True)
 
 
 def _part_files(folder: Path) -> list[tuple[int, Path]]:
@@ -221,6 +230,12 @@ def is_whole(content: bytes) -> bool:
     start, stop = found[0].span(1)
     blank = content[:start] + _NO_CHECKSUM.encode() + content[stop:]
     return hashlib.sha256(blank).hexdigest().encode() == found[0][1]
+
+
+def _unlike(error: Exception) -> str:
+    """Why a whole file is none of these parts: what a task says of its rows, or what else went wrong."""
+    said = str(error) if type(error) is ValueError else type(error).__name__
+    return f"not a part as this version writes it ({said})"
 
 
 @contextlib.contextmanager

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Generator, Iterator, Sequence
 from contextlib import closing
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 
 from pl_mc.engine.checkpoint_store import BadPart, CheckpointStore
@@ -30,6 +30,7 @@ class Execution:
         shard: (i, n), count the i-th of n shares of the parts alone, i from 1.
         stored_only: count nothing, take all parts from the folder, from whatever machine they come.
         progress: whether to show a progress bar; where standard error is a terminal unless given.
+        said: gets a sentence for each stored part that was of no use, whatever becomes of the table.
     """
 
     workers: int | None = None
@@ -40,6 +41,7 @@ class Execution:
     shard: tuple[int, int] | None = None
     stored_only: bool = False
     progress: bool | None = None
+    said: list[str] = field(default_factory=list, compare=False)
 
     def __post_init__(self) -> None:
         if self.workers is not None:
@@ -93,10 +95,14 @@ def run_task(
             except BadPart as bad:
                 missing.append(number)
                 damaged.append(str(bad))
-                yield f"{bad}; it was counted again."
             else:
                 yield part
-        yield from store.notes()
+        said = [
+            *([] if execution.stored_only else [f"{bad}; it was counted again." for bad in damaged]),
+            *store.notes(),
+        ]
+        execution.said.extend(said)
+        yield from said
     if execution.stored_only and missing:
         told = ", ".join(str(number) for number in sorted(missing)[:8])
         more = f" and {len(missing) - 8} more" if len(missing) > 8 else ""

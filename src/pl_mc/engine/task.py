@@ -159,11 +159,23 @@ class SweepTask:
             raise ValueError("the sweep has no part of that number")
         places = np.arange(chunks[0].first_epoch, chunks[-1].stop_epoch)
         place, slot = self._cases(places)
-        table = rows.to_pandas()
-        flat = table[_COUNTS].to_numpy(np.int64).reshape(len(place), len(self.methods), len(EVENTS))
         draws, counts = self._nothing(len(places))
+        for chunk in chunks:
+            draws[chunk.first_epoch - places[0] : chunk.stop_epoch - places[0]] += self.plan.draws_of(chunk)
+        # Epochs, faults, methods and draws are those of the plan; a checksum alone says who wrote, not what is true.
+        expected = self.part_rows(PartCounts(number, places, draws, counts)).to_pandas()
+        table = rows.to_pandas()
+        whole = all(table[name].dtype == np.int64 for name in _COUNTS)
+        texts = {"fault": str, "method": str}
+        if not whole or not table.drop(columns=_COUNTS).astype(texts).equals(
+            expected.drop(columns=_COUNTS).astype(texts)
+        ):
+            raise ValueError("its rows are not those of the plan")
+        flat = table[_COUNTS].to_numpy(np.int64).reshape(len(place), len(self.methods), len(EVENTS))
+        least = table.hazards - table.missed + table.false_alarms + table.unavailable
+        if (flat < 0).any() or (flat > draws[place][:, None, None]).any() or (table.alarms != least).any():
+            raise ValueError("its counts contradict each other")
         counts[place, slot] = flat
-        draws[place] = table["draws"].to_numpy(np.int64)[:: len(self.methods)]
         return PartCounts(number, places, draws, counts)
 
     def _cases(self, places: NDArray[np.int64]) -> tuple[NDArray[np.int64], NDArray[np.int64]]:

@@ -6,6 +6,7 @@ Beside it stands the folder of an unfinished run: its experiment and the finishe
 from __future__ import annotations
 
 import contextlib
+import glob
 import hashlib
 import importlib.metadata
 import json
@@ -13,7 +14,7 @@ import os
 import platform
 import shutil
 import tempfile
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -21,8 +22,9 @@ from pl_mc.engine import plan
 from pl_mc.engine.noise import LANES
 from pl_mc.engine.part_task import environment
 from pl_mc.experiments.loading import in_this_version
-from pl_mc.input_errors import InputError, system_reason
-from pl_mc.report.run_folder import MANIFEST, changed_fields
+from pl_mc.input_errors import InputError, shown, system_reason
+from pl_mc.report.run_folder import MANIFEST, changed_fields, earlier_place, read_run_folder
+from pl_mc.runtime.whole_files import locked, write_whole
 from pl_mc.studies.spec import Experiment
 
 # Packages whose version can change a number or a picture.
@@ -34,43 +36,93 @@ RECORD = "experiment.json"
 SUFFIX = ".unfinished"
 
 
+# Beside a results folder stand, hidden: what a run is writing, and what it replaces, for the moment of two renames.
+_WRITING = "writing-"
+
+
 @contextlib.contextmanager
-def result_folder(path: Path, *, sign: str = MANIFEST) -> Iterator[Path]:
+def result_folder(
+    path: Path, *, sign: str = MANIFEST, then: Callable[[], None] = lambda: None, said: list[str] | None = None
+) -> Iterator[Path]:
     """A folder to write into, which takes its place at ``path`` only when everything is written.
 
     An earlier result at ``path``, which is known by the file ``sign`` in it, is replaced; any other folder is left
-    alone.
+    alone. What a killed run left is put in order first. Nobody else writes there meanwhile.
+
+    Args:
+        path: the place.
+        sign: the file by which a result is known.
+        then: what follows when the result is in its place.
+        said: gets a sentence where a killed run had left something that counts.
 
     Raises:
-        InputError: the place cannot be written to, or holds something else.
+        InputError: the place cannot be written to, holds something else, or another run is writing there.
     """
-    path = Path(path).absolute()
+    path = absolute(path)
     if path.exists() and not path.is_dir():
         raise InputError(f"{path}: the output is a folder, but a file of that name is there.")
     if path.is_dir() and any(path.iterdir()) and not (path / sign).is_file():
         raise InputError(f"{path}: the folder holds something other than an earlier result; name another one.")
-    try:
-        path.parent.mkdir(parents=True, exist_ok=True)
-        # Made beside its final place, so that the last step is a rename within one file system.
-        working = Path(tempfile.mkdtemp(prefix=f".{path.name}.", dir=path.parent))
-    except OSError as error:
-        raise InputError(f"{path}: the output folder cannot be written to ({system_reason(error)}).") from None
-    try:
-        working.chmod(0o755)
-        yield working
-        old = None
-        if path.exists():
-            old = Path(tempfile.mkdtemp(prefix=f".{path.name}.old.", dir=path.parent))
-            os.replace(path, old / path.name)
-        os.replace(working, path)
-        if old is not None:
-            shutil.rmtree(old, ignore_errors=True)
-    except OSError as error:
-        if error.filename is None or not str(error.filename).startswith(str(path.parent)):
-            raise
-        raise InputError(f"{path}: the results cannot be written ({system_reason(error)}).") from None
-    finally:
-        shutil.rmtree(working, ignore_errors=True)
+    with writing(path), contextlib.ExitStack() as last:
+        try:
+            found = _put_in_order(path, sign)
+            # Made beside its final place, so that the last step is a rename within one file system.
+            working = Path(tempfile.mkdtemp(prefix=f".{path.name}.{_WRITING}", dir=path.parent))
+        except OSError as error:
+            raise InputError(f"{path}: the output folder cannot be written to ({system_reason(error)}).") from None
+        if said is not None and found:
+            said.append(found)
+        # However this ends: what was begun is brought to an end, what is left over goes.
+        last.callback(_put_in_order, path, sign)
+        try:
+            working.chmod(0o755)
+            yield working
+            if path.exists():
+                os.replace(path, earlier_place(path))
+            os.replace(working, path)
+        except OSError as error:
+            if error.filename is None or not str(error.filename).startswith(str(path.parent)):
+                raise
+            raise InputError(f"{path}: the results cannot be written ({system_reason(error)}).") from None
+        last.close()
+        then()
+
+
+@contextlib.contextmanager
+def writing(path: Path, *, shared: bool = False) -> Iterator[None]:
+    """The right to write a results folder and what stands beside it, see `pl_mc.runtime.whole_files.locked`."""
+    with contextlib.ExitStack() as held:
+        try:
+            path.parent.mkdir(parents=True, exist_ok=True)
+            held.enter_context(locked(path, shared=shared))
+        except OSError as error:
+            raise InputError(f"{path}: the output folder cannot be written to ({system_reason(error)}).") from None
+        yield
+
+
+def absolute(path: Path) -> Path:
+    """The place of a results folder; an `InputError` where it can be none."""
+    if "\0" in str(path):
+        raise InputError(f"out: {shown(str(path))} cannot be the name of a folder.")
+    return Path(path).absolute()
+
+
+def _put_in_order(path: Path, sign: str) -> str:
+    """Finish a replacement that was begun, remove what dead runs were writing; a sentence where a result was hidden.
+
+    Whoever calls has the right to write: nobody alive is at these.
+    """
+    earlier = earlier_place(path)
+    left = sorted(path.parent.glob(f".{glob.escape(path.name)}.{_WRITING}*"))
+    said = ""
+    if earlier.exists() and not path.exists():
+        # The earlier result is put aside only when the new one is whole.
+        whole = [one for one in left if (one / sign).is_file()]
+        os.replace(whole[0] if len(whole) == 1 else earlier, path)
+        said = f"{path}: a run was ended while it put its results here; they are in their place now."
+    for one in (earlier, *left):
+        shutil.rmtree(one, ignore_errors=True)
+    return said
 
 
 def write_manifest(folder: Path, *, name: str, experiment: Experiment, notes: Sequence[str], seconds: float) -> None:
@@ -78,10 +130,7 @@ def write_manifest(folder: Path, *, name: str, experiment: Experiment, notes: Se
     content = {
         "name": name,
         "experiment": experiment.model_dump(mode="json"),
-        "inputs": {
-            field: {"file": path.name, "sha256": hashlib.sha256(path.read_bytes()).hexdigest()}
-            for field, path in experiment.input_files().items()
-        },
+        "inputs": input_hashes(experiment),
         "noise": {"generator": "threefry2x32", "lanes_per_block": LANES},
         "cut": {"scenarios_per_call": plan.SCENARIOS_PER_CALL, "calls_per_part": plan.CALLS_PER_PART},
         "notes": list(notes),
@@ -89,7 +138,15 @@ def write_manifest(folder: Path, *, name: str, experiment: Experiment, notes: Se
         "machine": {"system": platform.system(), **environment()},
         "seconds": round(seconds, 2),
     }
-    (folder / MANIFEST).write_text(json.dumps(content, indent=2, ensure_ascii=False) + "\n", encoding="utf-8")
+    write_whole(folder / MANIFEST, json.dumps(content, indent=2, ensure_ascii=False) + "\n")
+
+
+def input_hashes(experiment: Experiment) -> dict[str, dict[str, str]]:
+    """Names and hashes of the files that an experiment reads, by field."""
+    return {
+        field: {"file": path.name, "sha256": hashlib.sha256(path.read_bytes()).hexdigest()}
+        for field, path in experiment.input_files().items()
+    }
 
 
 class Unfinished:
@@ -108,8 +165,8 @@ class Unfinished:
         """Finished parts that are there."""
         return sum(1 for _ in self.folder.glob("*/part-*.parquet"))
 
-    def begin(self, name: str, experiment: Experiment, *, resume: bool, fresh: bool) -> None:
-        """Prepare the folder for a run.
+    def begin(self, name: str, experiment: Experiment, *, resume: bool, fresh: bool) -> str:
+        """Prepare the folder for a run; a sentence where its record was damaged.
 
         Raises:
             InputError: parts are there and neither ``resume`` nor ``fresh`` is asked for, or they are those of
@@ -118,35 +175,68 @@ class Unfinished:
         if fresh:
             self.remove()
         content: dict[str, Any] = {"name": name, "experiment": experiment.model_dump(mode="json")}
+        said = ""
         if self.part_count:
             if not resume:
                 raise InputError(
                     f"{self.folder}: {self.part_count} finished parts of an earlier run are here; --resume goes on "
                     "with it, --fresh starts anew."
                 )
-            before = in_this_version(read_record(self.folder)["experiment"], source=RECORD)
+            try:
+                before = in_this_version(read_record(self.folder)["experiment"], source=RECORD)
+            except InputError:
+                # Each part says what it is of, and is held against the sweep before it is used.
+                before, said = content["experiment"], f"{self.folder / RECORD}: it was damaged and was written anew."
             changed = changed_fields(before, content["experiment"])
             if changed:
-                fields = "; ".join(f"{field}: {old} before, {new} now" for field, old, new in changed)
                 raise InputError(
-                    f"{self.folder}: the unfinished run is one of another experiment ({fields}); --fresh starts anew."
+                    f"{self.folder}: the unfinished run is one of another experiment ({_told(changed)}); --fresh "
+                    "starts anew."
                 )
         try:
             self.folder.mkdir(parents=True, exist_ok=True)
-            (self.folder / RECORD).write_text(json.dumps(content, indent=2) + "\n", encoding="utf-8")
+            write_whole(self.folder / RECORD, json.dumps(content | {"sha256": _hash(content)}, indent=2) + "\n")
         except OSError as error:
             reason = system_reason(error)
             raise InputError(f"{self.results}: the output folder cannot be written to ({reason}).") from None
+        return said
 
     def remove(self) -> None:
-        """Remove the folder."""
-        shutil.rmtree(self.folder, ignore_errors=True)
+        """Remove the folder, as a whole: what is left of it when this is stopped is no unfinished run."""
+        going = self.results.with_name(f".{self.results.name}.{_WRITING}parts")
+        with contextlib.suppress(OSError):
+            os.replace(self.folder, going)
+        shutil.rmtree(going, ignore_errors=True)
 
 
 def read_record(folder: Path) -> dict[str, Any]:
     """Name and experiment of an unfinished run."""
     try:
         content = json.loads((folder / RECORD).read_text(encoding="utf-8"))
-        return {"name": str(content["name"]), "experiment": dict(content["experiment"])}
-    except (OSError, ValueError, KeyError, TypeError):
-        raise InputError(f"{folder}: no record of an unfinished run ({RECORD}) is here.") from None
+        found = {"name": content["name"], "experiment": dict(content["experiment"])}
+        if content.get("sha256", _hash(found)) != _hash(found):
+            raise ValueError
+    except (OSError, ValueError, KeyError, TypeError, AttributeError, RecursionError):
+        raise InputError(f"{folder}: no record of an unfinished run ({RECORD}) is here, or it is damaged.") from None
+    return found
+
+
+def require_finished_alike(folder: Path, experiment: Experiment) -> None:
+    """Raise `InputError` unless the finished run in a folder is of this experiment with these input files."""
+    manifest = read_run_folder(folder).manifest
+    before = in_this_version(manifest["experiment"], source=MANIFEST)
+    changed = changed_fields(before, experiment.model_dump(mode="json"))
+    changed += changed_fields(manifest.get("inputs", {}), input_hashes(experiment))
+    if changed:
+        raise InputError(
+            f"{folder}: the finished run there is one of another experiment ({_told(changed)}); without --resume it is "
+            "replaced, --out names another folder."
+        )
+
+
+def _hash(content: Mapping[str, Any]) -> str:
+    return hashlib.sha256(json.dumps(content, sort_keys=True).encode()).hexdigest()
+
+
+def _told(changed: Iterable[tuple[str, str, str]]) -> str:
+    return "; ".join(f"{field}: {old} before, {new} now" for field, old, new in changed)

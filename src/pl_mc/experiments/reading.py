@@ -21,6 +21,7 @@ from pl_mc.report.files import from_markdown, write_table
 from pl_mc.report.page import PAGE, PageTable, charts_within_limit, page_table, render, text_table, write_page
 from pl_mc.report.run_folder import MANIFEST, RunFolder, read_run_folder
 from pl_mc.report.text import percent
+from pl_mc.runtime.whole_files import write_whole
 from pl_mc.studies.registry import study_of
 from pl_mc.studies.spec import Experiment, kind_of
 
@@ -133,7 +134,7 @@ def write_comparison(first: Path, second: Path, out: Path | None = None) -> Comp
     folder = Path("runs") / f"compare-{names[0]}-{names[1]}" if out is None else Path(out)
     with result_folder(folder, sign=COMPARE_PAGE) as working:
         write_table(found.rates, working, "compare")
-        (working / COMPARE_PAGE).write_text(comparison_page(old, new, found), encoding="utf-8")
+        write_whole(working / COMPARE_PAGE, comparison_page(old, new, found))
     return Compared(folder, found)
 
 

@@ -17,11 +17,21 @@ from typing import Any
 from pl_mc.engine import Execution, checkpoint_store
 from pl_mc.experiments.field_meanings import meanings_of
 from pl_mc.experiments.loading import build_experiment
-from pl_mc.experiments.output import RECORD, SUFFIX, Unfinished, read_record, result_folder, write_manifest
+from pl_mc.experiments.output import (
+    RECORD,
+    SUFFIX,
+    Unfinished,
+    absolute,
+    read_record,
+    require_finished_alike,
+    result_folder,
+    write_manifest,
+    writing,
+)
 from pl_mc.input_errors import InputError, system_reason
 from pl_mc.report.files import to_markdown, write_findings
 from pl_mc.report.page import PAGE, write_page
-from pl_mc.report.run_folder import MANIFEST, read_run_folder
+from pl_mc.report.run_folder import MANIFEST, folder_name, read_run_folder
 from pl_mc.studies.registry import KINDS, study_of
 from pl_mc.studies.spec import Experiment, kind_of
 from pl_mc.studies.study import Parted, Study
@@ -72,14 +82,21 @@ def run_experiment(
         InputError: input that cannot be used, or a folder that cannot be written.
         Interrupted: by Ctrl-C.
     """
-    folder = Path("runs") / name if out is None else Path(out)
+    folder = _folder(name, out)
     how = execution or Execution()
     study = study_of(experiment)
+    place = Unfinished(folder)
+    if how.resume and not fresh and not place.part_count and (folder / MANIFEST).is_file():
+        return _finished(folder, experiment)
     if how.resume or how.scheduler is not None or how.devices is not None or how.stored_only:
         _sweeps(experiment)
     begin = time.perf_counter()
+    said: list[str] = []
     # The output is checked before anything is computed.
-    with result_folder(folder) as working, _parts(name, experiment, folder, study, how, fresh) as how:
+    with (
+        result_folder(folder, then=place.remove, said=said) as working,
+        _parts(name, experiment, place, study, how, fresh, said) as how,
+    ):
         findings = study.run(experiment, how)
         document = write_findings(
             findings,
@@ -93,9 +110,19 @@ def run_experiment(
         seconds = time.perf_counter() - begin
         write_manifest(working, name=name, experiment=experiment, notes=document.notes, seconds=seconds)
         write_page(read_run_folder(working), meanings=meanings_of(experiment), shown_as=folder)
-    Unfinished(folder).remove()
-    summary = to_markdown(document.title, document.summary, document.notes)
-    return RunResult(folder=folder, summary=summary, notes=document.notes, answer=document.answer, page=PAGE)
+    notes = tuple(dict.fromkeys([*said, *document.notes]))
+    summary = to_markdown(document.title, document.summary, notes)
+    return RunResult(folder=folder, summary=summary, notes=notes, answer=document.answer, page=PAGE)
+
+
+def _finished(folder: Path, experiment: Experiment) -> RunResult:
+    """What a run that is finished left; nothing is counted."""
+    require_finished_alike(folder, experiment)
+    run = read_run_folder(folder)
+    note = f"{folder}: this run was finished before, and nothing was counted; without --resume it is counted anew."
+    answer = () if run.document is None else run.document.answer
+    page = PAGE if (folder / PAGE).is_file() else ""
+    return RunResult(folder, f"{note}\n\n{run.summary}", (note, *run.notes), answer, page)
 
 
 def run_shard(name: str, experiment: Experiment, out: Path | None, execution: Execution) -> RunResult:
@@ -106,15 +133,20 @@ def run_shard(name: str, experiment: Experiment, out: Path | None, execution: Ex
         execution: with its shard.
     """
     assert execution.shard is not None
-    folder = Path("runs") / name if out is None else Path(out)
+    place = Unfinished(_folder(name, out))
     # Shares of one run may store their parts in one folder: those of others are no obstacle.
     how = replace(execution, resume=True)
     sweeps = _sweeps(experiment)
-    with _parts(name, experiment, folder, study_of(experiment), how, fresh=False) as how:
-        notes = [note for planned in sweeps(experiment) for note in planned.run(experiment, how).attrs["notes"]]
-    place = Unfinished(folder)
+    notes: list[str] = []
+    with (
+        writing(absolute(place.results), shared=True),
+        _parts(name, experiment, place, study_of(experiment), how, False, notes) as how,
+    ):
+        notes += [note for planned in sweeps(experiment) for note in planned.run(experiment, how).attrs["notes"]]
     index, count = execution.shard
-    summary = f"Shard {index} of {count}: {place.part_count} parts are finished; pl-mc merge makes the results.\n"
+    done = f"{place.part_count} parts are finished" if place.part_count else "there are fewer parts, none for this one"
+    summary = f"Shard {index} of {count}: {done}; pl-mc merge makes the results.\n"
+    notes = list(dict.fromkeys(notes))
     if notes:
         summary += "\nNotes:\n\n" + "".join(f"- {note}\n" for note in notes)
     return RunResult(folder=place.folder, summary=summary, notes=tuple(notes))
@@ -138,13 +170,14 @@ def merge(folders: Sequence[Path], out: Path, *, progress: bool | None = None) -
     for source in sources[1:]:
         if read_record(source)["experiment"] != first["experiment"]:
             raise InputError(f"{source}: it is a share of another experiment than {sources[0]}.")
-    place = Unfinished(out)
-    try:
-        for source in sources:
-            if source.absolute() != place.folder.absolute():
-                _copy(source, place.folder)
-    except OSError as error:
-        raise InputError(f"{place.folder}: the parts cannot be gathered ({system_reason(error)}).") from None
+    place = Unfinished(absolute(out))
+    with writing(place.results):
+        try:
+            for source in sources:
+                if source.absolute() != place.folder:
+                    _copy(source, place.folder)
+        except OSError as error:
+            raise InputError(f"{place.folder}: the parts cannot be gathered ({system_reason(error)}).") from None
     experiment = build_experiment(first["experiment"], source=RECORD)
     how = Execution(stored_only=True, progress=progress)
     return run_experiment(first["name"], experiment, out, execution=how)
@@ -152,24 +185,34 @@ def merge(folders: Sequence[Path], out: Path, *, progress: bool | None = None) -
 
 @contextmanager
 def _parts(
-    name: str, experiment: Experiment, folder: Path, study: Study, how: Execution, fresh: bool
+    name: str, experiment: Experiment, place: Unfinished, study: Study, how: Execution, fresh: bool, said: list[str]
 ) -> Iterator[Execution]:
     """The way to run with a folder for parts, which goes when nothing in it is worth keeping."""
     if study.sweeps is None:
         yield how
         return
-    place = Unfinished(folder)
-    place.begin(name, experiment, resume=how.resume or how.stored_only, fresh=fresh)
+    said += filter(None, [place.begin(name, experiment, resume=how.resume or how.stored_only, fresh=fresh)])
+    # That a share has nothing to do is worth knowing where shares are merged.
+    empty_too = False
     try:
         # Whatever is in the folder passed the check above.
-        yield replace(how, folder=place.folder, resume=True)
+        yield replace(how, folder=place.folder, resume=True, said=said)
+        empty_too = how.shard is not None
     except KeyboardInterrupt:
         count = place.part_count
         kept = f"{count} finished parts are kept in {place.folder}, --resume goes on"
         raise Interrupted(f"interrupted; {kept if count else 'nothing was written'}.") from None
     finally:
-        if not place.part_count:
+        if not place.part_count and not empty_too:
             place.remove()
+
+
+def _folder(name: str, out: Path | None) -> Path:
+    """Where the results go: what was asked for, or a folder by the name of the experiment."""
+    name = folder_name(name, source="experiment")
+    folder = Path("runs") / name if out is None else Path(out)
+    absolute(folder)
+    return folder
 
 
 def _sweeps(experiment: Experiment) -> Callable[[Any], tuple[Parted, ...]]:

@@ -14,6 +14,7 @@ from typing import Annotated, Literal
 from pydantic import Field, TypeAdapter, ValidationError
 
 from pl_mc.input_errors import InputError
+from pl_mc.runtime.whole_files import write_whole
 
 DOCUMENT = "report.json"
 
@@ -157,7 +158,7 @@ _FORM = TypeAdapter(Document)
 
 def write_document(document: Document, folder: Path) -> None:
     """Store a document as ``report.json``."""
-    (folder / DOCUMENT).write_bytes(_FORM.dump_json(document, indent=1) + b"\n")
+    write_whole(folder / DOCUMENT, _FORM.dump_json(document, indent=1) + b"\n")
 
 
 def read_document(folder: Path) -> Document | None:

@@ -5,6 +5,7 @@ The summary is Markdown; it is read back where a version stored nothing else.
 
 from __future__ import annotations
 
+import io
 import itertools
 import re
 import shutil
@@ -31,6 +32,7 @@ from pl_mc.report.figures import save_figure
 from pl_mc.report.findings import Findings, Picture
 from pl_mc.report.run_folder import SUMMARY
 from pl_mc.report.text import markdown_table
+from pl_mc.runtime.whole_files import write_whole
 
 # What is only a number says nothing about a picture; powers of ten on an axis are set as mathematics.
 _NUMBER = re.compile(r"(?:[\s\d.,:%+\-−–eE^{}$×]|\\mathdefault|\\times)*")
@@ -65,14 +67,14 @@ def write_findings(
     for name, rows in findings.rows.items():
         shutil.copytree(rows, folder / name, ignore=shutil.ignore_patterns(".*"), dirs_exist_ok=True)
     for name, text in findings.texts.items():
-        (folder / name).write_text(text, encoding="utf-8")
+        write_whole(folder / name, text)
     document = Document(
         title=title, kind=kind, question=question, answer=answer, notes=notes, val_m=val_m,
         summary=tuple(Paragraph(block) if isinstance(block, str) else block for block in findings.summary),
         tables=tuple(TableEntry(table.name, table.chart) for table in findings.tables if table.stored != "parquet"),
         figures=tuple(_entry(picture, title) for picture in findings.pictures),
     )  # fmt: skip
-    (folder / SUMMARY).write_text(to_markdown(title, document.summary, document.notes), encoding="utf-8")
+    write_whole(folder / SUMMARY, to_markdown(title, document.summary, document.notes))
     write_document(document, folder)
     return document
 
@@ -80,9 +82,11 @@ def write_findings(
 def write_table(table: pd.DataFrame, folder: Path, name: str, *, stored: str = "csv") -> None:
     """``name.csv`` with every digit, ``name.parquet``, or both."""
     if stored != "parquet":
-        table.to_csv(folder / f"{name}.csv", index=False, lineterminator="\n")
+        write_whole(folder / f"{name}.csv", table.to_csv(index=False, lineterminator="\n"))
     if stored != "csv":
-        table.to_parquet(folder / f"{name}.parquet", index=False, compression="zstd")
+        content = io.BytesIO()
+        table.to_parquet(content, index=False, compression="zstd")
+        write_whole(folder / f"{name}.parquet", content.getvalue())
 
 
 def _entry(picture: Picture, title: str) -> FigureEntry:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import re
 from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
@@ -10,11 +11,14 @@ from typing import Any
 
 import pandas as pd
 
-from pl_mc.input_errors import InputError, nearest
+from pl_mc.input_errors import InputError, nearest, shown
 from pl_mc.report.document import Document, read_document
 
 MANIFEST = "manifest.json"
 SUMMARY = "summary.md"
+
+# Further names are made of it, and file systems take 255 bytes.
+_LONGEST_NAME = 200
 
 
 @dataclass(frozen=True)
@@ -66,6 +70,11 @@ def read_run_folder(folder: Path) -> RunFolder:
     folder = Path(folder)
     path = folder / MANIFEST
     if not folder.is_dir():
+        if earlier_place(folder).is_dir():
+            raise InputError(
+                f"{folder}: a run was ended while it replaced this result, which is in {earlier_place(folder)}; the "
+                "next run into this folder puts it in order."
+            )
         known = [one.name for one in folder.parent.iterdir()] if folder.parent.is_dir() else []
         raise InputError(f"{folder}: there is no such results folder ({nearest(folder.name, known)}).")
     try:
@@ -91,6 +100,28 @@ def read_run_folder(folder: Path) -> RunFolder:
         figures=tuple(sorted(figures)),
         document=read_document(folder),
     )
+
+
+def earlier_place(folder: Path) -> Path:
+    """Where a result stands for the moment in which another one takes its place."""
+    return folder.with_name(f".{folder.name}.earlier")
+
+
+def folder_name(name: object, *, source: str) -> str:
+    """The name of an experiment, which its results folder gets.
+
+    Raises:
+        InputError: it is no text, too long, or anything but the name of one folder.
+    """
+    if not isinstance(name, str):
+        raise InputError(f"{source}: name: the name of a folder is needed, not {shown(name)}.")
+    plain = re.sub(r"[\x00-\x1f\x7f\ud800-\udfff]", "", re.split(r"[/\\]", name)[-1]).lstrip(".")
+    if plain != name or not name.strip() or len(name.encode()) > _LONGEST_NAME:
+        raise InputError(
+            f"{source}: name: {shown(name)} is no name of a folder: text of up to {_LONGEST_NAME} bytes without / and "
+            f"control characters, and no dot in front (nearest: {shown(plain.strip()[:40] or 'run')})."
+        )
+    return name
 
 
 def flat_fields(content: Any, prefix: str = "") -> dict[str, Any]:

@@ -17,7 +17,8 @@ def in_order(
 ) -> Iterator[tuple[Item, Result]]:
     """Each item with its result, in order, computed by a few threads that stay little ahead of the reader.
 
-    A reader that stops, by Ctrl-C for one, waits for the calls that run and for none that waits.
+    A reader that stops waits for the calls that run and for none that waits. No item runs in the reader's own thread:
+    Ctrl-C must find that one waiting, and not inside a compiler; then nobody waits for what a compiler is at.
 
     Args:
         run: what to do with an item.
@@ -27,17 +28,12 @@ def in_order(
             alone, so that the others find it.
     """
     rest = iter(items)
-    if not compiled:
-        for item in rest:
-            yield item, run(item)
-            break
-    if threads == 1:
-        for item in rest:
-            yield item, run(item)
-        return
     waiting: deque[tuple[Item, Future[Result]]] = deque()
     pool = ThreadPoolExecutor(threads)
     try:
+        for item in () if compiled else rest:
+            yield item, pool.submit(run, item).result()
+            break
         for item in rest:
             waiting.append((item, pool.submit(run, item)))
             if len(waiting) > 2 * threads:
@@ -46,8 +42,13 @@ def in_order(
         while waiting:
             done, future = waiting.popleft()
             yield done, future.result()
-    finally:
+    except KeyboardInterrupt:
+        pool.shutdown(wait=False, cancel_futures=True)
+        raise
+    except BaseException:
         pool.shutdown(cancel_futures=True)
+        raise
+    pool.shutdown()
 
 
 def cores() -> int:

@@ -188,7 +188,17 @@ class ServiceTask:
         """The part behind its rows; a `KeyError`, `TypeError` or `ValueError` where they are not those of one."""
         sites = self.sites_of(number)
         counts = self.nothing(sites.stop - sites.start)
-        counts.fill(dict(_arrays(rows)))
+        found = list(_arrays(rows))
+        mine = [(name, array.dtype) for name, array in counts.arrays().items()]
+        if rows.schema.types != _SCHEMA.types or [(name, array.dtype) for name, array in found] != mine:
+            raise ValueError("its rows are not those of the plan")
+        counts.fill(dict(found))
+        # Sums over sites and over epochs are sums of the same scenarios.
+        served = self.grid.weight[sites] @ counts.available.reshape(sites.stop - sites.start, -1)
+        by_epoch = (counts.by_epoch.mean(axis=0) * counts.scenarios[:, None]).ravel()
+        small = all((array >= 0).all() for _, array in found) and (counts.available <= counts.scenarios[:, None]).all()
+        if not small or not np.allclose(served, by_epoch, rtol=1e-9, atol=1e-9):
+            raise ValueError("its counts contradict each other")
         return ServicePart(number, counts)
 
     def asked(self) -> dict[str, Any]:
