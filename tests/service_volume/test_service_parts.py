@@ -8,6 +8,7 @@ from pathlib import Path
 
 import numpy as np
 import pandas as pd
+import pyarrow as pa
 import pytest
 
 import pl_mc
@@ -98,6 +99,35 @@ def test_a_damaged_part_is_counted_again_and_a_strange_one_refused(tmp_path):
         service_volume(**OPTIONS | {"seed": 12}, folder=folder, resume=True)
     with pytest.raises(InputError, match="folder: to resume a service volume, a folder"):
         service_volume(**OPTIONS, resume=True)
+
+
+FORGERIES = {
+    "ten times": lambda rows: rows.assign(counts=[c if c is None else [10 * v for v in c] for c in rows.counts]),
+    "reversed": lambda rows: rows[::-1],
+    "another name": lambda rows: rows.assign(array=["served", *rows.array[1:]]),
+    "another shape": lambda rows: rows.assign(shape=[s[::-1] for s in rows["shape"]]),
+    "one more": lambda rows: rows.assign(counts=[[rows.counts[0][0] + 1, *rows.counts[0][1:]], *rows.counts[1:]]),
+    "negative": lambda rows: rows.assign(counts=[c if c is None else [-v for v in c] for c in rows.counts]),
+}
+
+
+@pytest.mark.parametrize("kind", FORGERIES)
+def test_forged_parts_are_held_against_the_plan(tmp_path, monkeypatch, kind):
+    """With a checksum that is right: sums over sites and over epochs are of the same scenarios."""
+    first, part_rows = service_volume(**OPTIONS, folder=tmp_path), ServiceTask.part_rows
+
+    def forged(self, part):
+        table = part_rows(self, part)
+        rows = pd.DataFrame(table.to_pylist())
+        return pa.Table.from_pylist(FORGERIES[kind](rows).to_dict("records"), schema=table.schema)
+
+    with monkeypatch.context() as patched:
+        patched.setattr(ServiceTask, "part_rows", forged)
+        (tmp_path / "part-000001.parquet").unlink()
+        service_volume(**OPTIONS, folder=tmp_path, resume=True)
+    mended = service_volume(**OPTIONS, folder=tmp_path, resume=True)
+    assert_same(mended, first)
+    assert "part-000001.parquet: not a part as this version writes it (" in mended.notes[0]
 
 
 def test_parts_of_another_machine_are_merged_and_not_resumed(tmp_path, monkeypatch):

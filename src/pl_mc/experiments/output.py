@@ -77,6 +77,9 @@ def result_folder(
         try:
             working.chmod(0o755)
             yield working
+            for file in filter(Path.is_file, working.rglob("*")):
+                with file.open("rb+") as written:
+                    os.fsync(written.fileno())
             if path.exists():
                 os.replace(path, earlier_place(path))
             os.replace(working, path)

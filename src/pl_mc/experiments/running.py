@@ -6,7 +6,6 @@ that shares of it can be counted elsewhere and merged.
 
 from __future__ import annotations
 
-import shutil
 import time
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
@@ -32,6 +31,7 @@ from pl_mc.input_errors import InputError, system_reason
 from pl_mc.report.files import to_markdown, write_findings
 from pl_mc.report.page import PAGE, write_page
 from pl_mc.report.run_folder import MANIFEST, folder_name, read_run_folder
+from pl_mc.runtime.whole_files import write_whole
 from pl_mc.studies.registry import KINDS, study_of
 from pl_mc.studies.spec import Experiment, kind_of
 from pl_mc.studies.study import Parted, Study
@@ -238,10 +238,12 @@ def _source(folder: Path) -> Path:
 def _copy(source: Path, target: Path) -> None:
     """Add what a share stored; a part that two shares counted is the same in both."""
     for path in sorted(source.rglob("*")):
+        if path.is_symlink():
+            raise InputError(f"{path}: it is a link; the parts of a share are files of its folder.")
         if path.name.startswith(".") or not path.is_file():
             continue
         place = target / path.relative_to(source)
         if place.exists() and (path.suffix == ".json" or checkpoint_store.is_whole(place.read_bytes())):
             continue
         place.parent.mkdir(parents=True, exist_ok=True)
-        shutil.copy2(path, place)
+        write_whole(place, path.read_bytes())
