@@ -134,6 +134,19 @@ def test_an_interrupt_that_is_swallowed_comes_again() -> None:
     assert signal.getsignal(signal.SIGINT) is signal.default_int_handler
 
 
+def test_an_interrupt_that_a_library_makes_something_else_of(
+    monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    def stopped(*_: object, **__: object) -> None:
+        try:
+            signal.raise_signal(signal.SIGTERM)
+        except KeyboardInterrupt:
+            raise RuntimeError("INTERNAL: error in a callback") from None
+
+    monkeypatch.setattr("pl_mc.cli.main.app", stopped)
+    assert "interrupted by SIGTERM; finished parts, where there are any" in said_by(capsys, "run", "ramp", code=143)
+
+
 def test_signals_that_are_ignored_stay_ignored() -> None:
     """``nohup pl-mc run ...`` goes on when its terminal is gone; other threads leave signals alone."""
     before = signal.signal(signal.SIGHUP, signal.SIG_IGN)

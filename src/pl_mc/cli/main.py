@@ -59,8 +59,13 @@ def main(arguments: Sequence[str] | None = None) -> None:
             text = " ".join(str(error).split()) if isinstance(error, cyclopts.CycloptsError) else str(error)
             print(f"pl-mc: {text}", file=sys.stderr)
             sys.exit(2)
-        except KeyboardInterrupt as stop:
+        except (KeyboardInterrupt, Exception) as stop:
+            # A library may make something else of an interrupt in the middle of it.
+            if not (stops.number or isinstance(stop, KeyboardInterrupt)):
+                raise
             said = str(stop) or "interrupted; nothing was written."
+            if not isinstance(stop, KeyboardInterrupt):
+                said = "interrupted; finished parts, where there are any, are kept, --resume goes on."
             by = f" by {stops.name}" if stops.exit_code != 130 else ""
             print(f"pl-mc: {said.replace('interrupted', f'interrupted{by}', 1)}", file=sys.stderr)
             if arguments is None:
