@@ -12,6 +12,7 @@ import numbers
 from collections.abc import Iterable
 
 import numpy as np
+from numpy.typing import ArrayLike, NDArray
 
 
 class InputError(ValueError):
@@ -69,6 +70,14 @@ def require_positive(value: float, *, field: str) -> float:
     return number
 
 
+def require_within(value: float, *, field: str, low: float, high: float) -> float:
+    """``value`` as a float if it lies from ``low`` to ``high``; else an `InputError` that names ``field``."""
+    number = require_number(value, field=field)
+    if not low <= number <= high:
+        raise InputError(f"{field}: a number from {low:g} to {high:g} is needed, not {shown(value)}.")
+    return number
+
+
 def require_fraction(value: float, *, field: str) -> float:
     """``value`` as a float if it lies between 0 and 1, both excluded; else an `InputError` that names ``field``."""
     if not 0.0 < require_number(value, field=field) < 1.0:
@@ -79,13 +88,53 @@ def require_fraction(value: float, *, field: str) -> float:
 def require_number(value: float, *, field: str) -> float:
     """``value`` as a float if it is a finite number; else an `InputError` that names ``field``."""
     try:
-        good = isinstance(value, numbers.Real) and not isinstance(value, bool) and math.isfinite(value)
+        good = _is_real(value) and math.isfinite(value)
     except OverflowError:
         # A whole number beyond the largest that a computer counts with.
         good = False
     if not good:
         raise InputError(f"{field}: a finite number is needed, not {shown(value)}.")
     return float(value)
+
+
+def require_numbers(value: ArrayLike, *, field: str) -> NDArray[np.float64]:
+    """``value`` as a new array of doubles, the one way in which numbers come in; they need not be finite.
+
+    Raises:
+        InputError: words, dates, truth values, complex numbers, masked values, rows of different lengths.
+    """
+    try:
+        array = np.asarray(value)
+        # Whole numbers beyond 64 bits, and tables whose columns have several types, are arrays of objects.
+        of_objects = array.dtype == object and all(_is_real(one) for one in array.flat)
+        if not (of_objects or array.dtype.kind in "iuf") or np.ma.is_masked(value):
+            raise TypeError("it holds " + (shown(next(iter(array.flat))) if array.size else shown(value)))
+        with np.errstate(over="ignore"):
+            return np.array(array, dtype=np.float64)
+    except (TypeError, ValueError, OverflowError) as error:
+        reason = " ".join(str(error).split()).rstrip(".")
+        raise InputError(f"{field}: it cannot be read as an array of numbers ({reason}).") from None
+
+
+def require_one_shape(**values: ArrayLike) -> list[NDArray[np.float64]]:
+    """Arguments, by name, as arrays of doubles of one shape; an `InputError` where they have none in common."""
+    arrays = [require_numbers(value, field=field) for field, value in values.items()]
+    try:
+        return list(np.broadcast_arrays(*arrays))
+    except ValueError:
+        shapes = ", ".join(str(array.shape) for array in arrays)
+        raise InputError(f"{', '.join(values)}: their shapes {shapes} do not go together.") from None
+
+
+def require_true(valid: ArrayLike, *, field: str, rule: str, of: ArrayLike) -> None:
+    """Raise an `InputError` with the first value (...) of ``of`` where ``valid`` (...) is False."""
+    bad = np.asarray(of)[~np.asarray(valid)]
+    if bad.size:
+        raise InputError(f"{field}: {rule}, not {shown(bad.flat[0].item())}.")
+
+
+def _is_real(value: object) -> bool:
+    return isinstance(value, numbers.Real) and not isinstance(value, bool | np.bool_)
 
 
 def plain_number(value: float, *, sign: bool = False) -> str:

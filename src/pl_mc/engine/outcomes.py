@@ -40,7 +40,7 @@ def sample(
     draws: int,
     seed: int,
     methods: Sequence[str | Method] = ("ls", "igg3"),
-    alert: AlertLimits = LPV_200,
+    alert: str | AlertLimits = LPV_200,
     precision: str = "float64",
     noise: str | NoiseModel = GAUSSIAN,
 ) -> pd.DataFrame:
@@ -53,7 +53,7 @@ def sample(
         One row per epoch, fault, method and draw: ``epoch, fault, bias_m, method, draw, east_m, north_m, up_m,
         hpl_m, vpl_m, available, alarm``. Numbers are missing where a method is not available.
     """
-    require_inputs(g, faults, alert)
+    alert = require_inputs(g, faults, alert)
     draws = require_whole(draws, field="draws", low=1, high=LARGEST_DRAWS)
     seed = require_whole(seed, field="seed", low=0, high=LARGEST_SEED)
     chosen, shaped = as_methods(methods), as_noise_model(noise, g)
@@ -89,7 +89,7 @@ def solve(
     errors_m: NDArray[np.float64],
     *,
     methods: Sequence[str | Method] = ("ls", "igg3"),
-    alert: AlertLimits = LPV_200,
+    alert: str | AlertLimits = LPV_200,
     precision: str = "float64",
 ) -> pd.DataFrame:
     """What each method says of given pseudorange errors, epoch by epoch, such as those of a real receiver.
@@ -104,7 +104,7 @@ def solve(
         One row per epoch and method: ``epoch, time_gps_s, method, satellites, east_m, north_m, up_m, hpl_m, vpl_m,
         available, alarm``. Numbers are missing where a method is not available.
     """
-    require_geometry_and_alert(g, alert)
+    alert = require_geometry_and_alert(g, alert)
     series, errors = g.as_series(), require_errors(g, errors_m)
     chosen = as_methods(methods)
     dtype = dtype_of(precision)

@@ -28,7 +28,7 @@ def sweep(
     draws: int,
     seed: int,
     methods: Sequence[str | Method] = ("ls", "igg3"),
-    alert: AlertLimits = LPV_200,
+    alert: str | AlertLimits = LPV_200,
     noise: str | NoiseModel = GAUSSIAN,
     precision: str = "float64",
     by_epoch: bool = False,
@@ -97,7 +97,7 @@ def run_sweep(
     execution: Execution,
 ) -> pd.DataFrame:
     """`pl_mc.sweep`, with the way it runs as one record."""
-    require_inputs(g, faults, alert)
+    alert = require_inputs(g, faults, alert)
     task = SweepTask(
         geometry=g,
         faults=faults,

@@ -12,8 +12,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pl_mc.arrays import FloatArray
-from pl_mc.faults import Faults
-from pl_mc.geometry.record import EAST, NORTH, POSITION_UNKNOWNS, UP, Geometry
+from pl_mc.faults import Faults, require_faults
+from pl_mc.geometry.record import EAST, NORTH, POSITION_UNKNOWNS, UP, Geometry, require_geometry
 
 # Pairs of epoch and fault whose biases are spread over rows at once.
 _BLOCK = 65536
@@ -70,7 +70,7 @@ def ls_quantities(g: Geometry) -> LsQuantities:
     Args:
         g: the geometry, one epoch or a series.
     """
-    seen = np.asarray(g.in_view)
+    seen = np.asarray(require_geometry(g).in_view)
     root_weight = np.where(seen, 1.0 / np.asarray(g.sigma_m), 0.0)
     whitened = np.where(seen[..., None], np.asarray(g.design), 0.0) * root_weight[..., None]
     left, values, right = np.linalg.svd(whitened, full_matrices=False)
@@ -114,6 +114,8 @@ def fault_effects(g: Geometry, faults: Faults, quantities: LsQuantities | None =
     Raises:
         InputError: faults made for another geometry.
     """
+    require_geometry(g)
+    require_faults(faults)
     series = g.as_series()
     quantities = ls_quantities(g) if quantities is None else quantities
     rows = series.sigma_m.shape[-1]

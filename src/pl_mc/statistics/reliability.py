@@ -13,8 +13,8 @@ from numpy.typing import NDArray
 from scipy import optimize, special
 
 from pl_mc.arrays import FloatArray
-from pl_mc.geometry.record import Geometry
-from pl_mc.input_errors import InputError, require_fraction
+from pl_mc.geometry.record import SYSTEM_NAMES, Geometry, require_geometry
+from pl_mc.input_errors import InputError, require_choice, require_fraction
 from pl_mc.kernels.linear_model import REDUNDANCY_FLOOR
 from pl_mc.statistics.least_squares import ls_quantities
 
@@ -45,7 +45,7 @@ def reliability(g: Geometry, p_fa: float = 1e-3, power: float = 0.8) -> pd.DataF
         InputError: a probability outside (0, 1), or a power that is not above ``p_fa``.
     """
     shift = noncentral_shift(p_fa, power)
-    series = g.as_series()
+    series = require_geometry(g).as_series()
     quantities = ls_quantities(series)
     determined = ~np.isnan(quantities.vdop_m)[:, None]
     redundancy = np.where(determined, np.clip(quantities.redundancy, 0.0, 1.0), np.nan)
@@ -114,11 +114,12 @@ def least_detectable(g: Geometry, *, system: str | None = None) -> NDArray[np.in
     The order of the satellites by MDB is that of sigma_i / sqrt(r_i): it depends on no probability. Satellites that
     nothing checks do not count: no test of residuals can find their fault. -1 where no satellite is left.
     """
-    series = g.as_series()
+    series = require_geometry(g).as_series()
     quantities = ls_quantities(series)
     letters = np.array(series.systems)[series.satellite]
     counted = series.in_view & (quantities.redundancy >= REDUNDANCY_FLOOR) & ~np.isnan(quantities.vdop_m)[:, None]
     if system is not None:
+        require_choice(system, SYSTEM_NAMES, field="system")
         counted &= letters == system
     size = np.where(counted, series.sigma_m / np.sqrt(np.where(counted, quantities.redundancy, 1.0)), -np.inf)
     row = np.where(counted.any(axis=1), size.argmax(axis=1), -1)

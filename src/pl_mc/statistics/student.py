@@ -12,7 +12,7 @@ from numpy.typing import ArrayLike, NDArray
 from scipy import stats
 
 from pl_mc.constants import K_VERTICAL
-from pl_mc.input_errors import InputError, require_fraction
+from pl_mc.input_errors import require_fraction, require_numbers, require_positive, require_true
 
 
 def fault_free_exceeded(dof: ArrayLike, k_vertical: float = K_VERTICAL) -> NDArray[np.float64]:
@@ -29,9 +29,7 @@ def fault_free_exceeded(dof: ArrayLike, k_vertical: float = K_VERTICAL) -> NDArr
     Returns:
         (...), probabilities.
     """
-    if not k_vertical > 0.0:
-        raise InputError(f"k_vertical: a factor of a protection level is positive, not {k_vertical!r}.")
-    return np.asarray(2.0 * stats.t.sf(k_vertical, _require_dof(dof)))
+    return np.asarray(2.0 * stats.t.sf(require_positive(k_vertical, field="k_vertical"), _require_dof(dof)))
 
 
 def student_factor(dof: ArrayLike, risk: float = 1e-7) -> NDArray[np.float64]:
@@ -58,7 +56,7 @@ def chi2_threshold(dof: ArrayLike, p_fa: float = 1e-3) -> NDArray[np.float64]:
 
 
 def _require_dof(dof: ArrayLike) -> NDArray[np.float64]:
-    value = np.asarray(dof, dtype=float)
-    if not (np.isfinite(value) & (value >= 1.0)).all():
-        raise InputError("dof: at least one degree of freedom is needed, and a finite number of them.")
+    value = require_numbers(dof, field="dof")
+    rule = "at least one degree of freedom is needed, and a finite number of them"
+    require_true(np.isfinite(value) & (value >= 1.0), field="dof", rule=rule, of=value)
     return value

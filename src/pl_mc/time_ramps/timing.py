@@ -57,7 +57,7 @@ def time_to_alert(
     onset_s: float = 300.0,
     p_fa: float = 0.01,
     calibration_draws: int = 4000,
-    alert: AlertLimits = LPV_200,
+    alert: str | AlertLimits = LPV_200,
     progress: bool | None = None,
 ) -> pd.DataFrame:
     """How long an error that grows on one satellite stays unseen, method by method, at equal false-alarm rates.
@@ -112,7 +112,7 @@ def time_to_alert(
     Raises:
         InputError: what cannot be used.
     """
-    require_geometry_and_alert(g_series, alert)
+    alert = require_geometry_and_alert(g_series, alert)
     rows = rows_by_satellite(g_series)
     noise = NoiseInTime(tau_s=tau_s, share=share)
     tests = as_tests(methods)

@@ -93,7 +93,7 @@ def risk_budget(
     event: Literal["missed", "misleading"] = "missed",
     alarm: Literal["pl", "chi2"] = "pl",
     p_fa: float = 1e-3,
-    alert: AlertLimits = LPV_200,
+    alert: str | AlertLimits = LPV_200,
     p_sat: float | Mapping[str, float] = 1e-5,
     p_const: float | Mapping[str, float] = 1e-4,
     bias: Any = "worst",
@@ -154,7 +154,7 @@ def risk_budget(
     Raises:
         InputError: a series, unknown names or options, probabilities outside their range.
     """
-    require_geometry_and_alert(g, alert)
+    alert = require_geometry_and_alert(g, alert)
     require_single(g, "a risk budget")
     require_event(event)
     require_choice(constellation, (INDEPENDENT, COMMON), field="constellation")

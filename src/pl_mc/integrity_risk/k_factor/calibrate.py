@@ -50,7 +50,7 @@ def calibrate(
     target: float = 1e-7,
     faults: Faults | None = None,
     event: Literal["exceeded", "misleading"] = "exceeded",
-    alert: AlertLimits = LPV_200,
+    alert: str | AlertLimits = LPV_200,
     confidence: float = 0.95,
     pooled: bool = False,
     draws: int = 200_000,
@@ -106,9 +106,9 @@ def calibrate(
         InputError: a method without a multiplier, options outside their range, faults of another geometry, a pooled
             multiplier whose target is too rare to count.
     """
-    require_geometry_and_alert(g, alert)
+    alert = require_geometry_and_alert(g, alert)
     faults = no_fault(g) if faults is None else faults
-    require_inputs(g, faults, alert)
+    alert = require_inputs(g, faults, alert)
     require_choice(event, EVENTS, field="event")
     require_fraction(target, field="target")
     require_fraction(confidence, field="confidence")

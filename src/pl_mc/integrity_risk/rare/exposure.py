@@ -56,7 +56,7 @@ def exposure(
     duration_s: float = 150.0,
     interval_s: float = 1.0,
     methods: Sequence[str | Method] = ("ls", "igg3"),
-    alert: AlertLimits = LPV_200,
+    alert: str | AlertLimits = LPV_200,
     noise: str | NoiseModel = GAUSSIAN,
     precision: str = "float64",
     progress: bool | None = None,
@@ -94,7 +94,7 @@ def exposure(
         InputError: a series of epochs, options outside their range, or a duration that is no multiple of the
             interval.
     """
-    require_inputs(g, faults, alert)
+    alert = require_inputs(g, faults, alert)
     require_single(g, "an exposure")
     draws = require_whole(draws, field="draws", low=1, high=LARGEST_DRAWS)
     seed = require_whole(seed, field="seed", low=0, high=LARGEST_SEED)

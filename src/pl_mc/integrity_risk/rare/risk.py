@@ -84,7 +84,7 @@ def risk(
     event: str = "missed",
     method: str | Method = "igg3",
     target_cov: float = 0.1,
-    alert: AlertLimits = LPV_200,
+    alert: str | AlertLimits = LPV_200,
     noise: str | NoiseModel = GAUSSIAN,
     max_evaluations: int = 10_000_000,
     workers: int | None = None,
@@ -130,7 +130,7 @@ def risk(
     Raises:
         InputError: bad options, or faults of another geometry.
     """
-    require_inputs(g, faults, alert)
+    alert = require_inputs(g, faults, alert)
     require_choice(event, RISK_EVENTS, field="event")
     seed = require_whole(seed, field="seed", low=0, high=LARGEST_SEED)
     most = require_whole(max_evaluations, field="max_evaluations", low=FEWEST_EVALUATIONS)

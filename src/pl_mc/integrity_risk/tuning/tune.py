@@ -64,7 +64,7 @@ def tune(
     objective: Literal["vpl", "alarms"] = "vpl",
     event: Literal["exceeded", "misleading"] = "misleading",
     faults: Faults | None = None,
-    alert: AlertLimits = LPV_200,
+    alert: str | AlertLimits = LPV_200,
     draws: int = 400_000,
     confidence: float = 0.95,
     seed: int = 0,
@@ -119,10 +119,10 @@ def tune(
         InputError: a series of epochs, an epoch without redundancy, a method that is not IGG-III, options outside
             their range.
     """
-    require_geometry_and_alert(g, alert)
+    alert = require_geometry_and_alert(g, alert)
     require_single(g, "tuning")
     faults = no_fault(g) if faults is None else faults
-    require_inputs(g, faults, alert)
+    alert = require_inputs(g, faults, alert)
     require_choice(objective, OBJECTIVES, field="objective")
     require_choice(event, EVENTS, field="event")
     named = [parameters] if isinstance(parameters, str) else list(parameters)

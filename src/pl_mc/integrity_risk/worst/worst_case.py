@@ -63,7 +63,7 @@ def worst_case(
     alarm: Literal["pl", "chi2"] = "pl",
     event: Literal["missed", "misleading"] = "missed",
     p_fa: float = 1e-3,
-    alert: AlertLimits = LPV_200,
+    alert: str | AlertLimits = LPV_200,
     target_cov: float = 0.1,
     max_evaluations: int = 10_000_000,
     refine: int = 3,
@@ -129,7 +129,7 @@ def worst_case(
     Raises:
         InputError: unknown names, options outside their range, ``chi2`` for a method without an exact law.
     """
-    require_geometry_and_alert(g, alert)
+    alert = require_geometry_and_alert(g, alert)
     require_event(event)
     (chosen,) = as_methods([method])
     law = law_with(alarm, chosen, estimated=estimator is not None)
