@@ -14,20 +14,12 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from pl_mc.geometry.record import Geometry, require_geometry
-from pl_mc.input_errors import (
-    InputError,
-    nearest,
-    plain_number,
-    require_number,
-    require_numbers,
-    require_true,
-    shown,
-)
+from pl_mc.input_errors import InputError, nearest, plain_number, require_number, require_numbers, require_true, shown
 
 NO_FAULT = "none"
 
 # A larger bias is a slip of the unit, and cannot be computed with.
-_MOST_M = 1e9
+MOST_BIAS_M = 1e9
 
 # A ramp of more steps is a slip of the hand.
 _MOST_STEPS = 1_000_000
@@ -56,8 +48,8 @@ class Faults:
             raise InputError(f"bias_m: rows of {len(g.names)} biases are needed, not shape {bias.shape}.")
         if bias.shape[0] == 0:
             raise InputError("faults: at least one fault is needed; use no_fault(g) for the fault-free case.")
-        rule = f"a bias is a finite number of metres, up to {_MOST_M:g}"
-        require_true(np.abs(bias) <= _MOST_M, field="bias_m", rule=rule, of=bias)
+        rule = f"a bias is a finite number of metres, up to {MOST_BIAS_M:g}"
+        require_true(np.abs(bias) <= MOST_BIAS_M, field="bias_m", rule=rule, of=bias)
         labels = tuple(fault_label(dict(zip(g.names, row, strict=True))) for row in bias)
         return cls(bias_m=bias, names=g.names, labels=labels)
 

@@ -9,18 +9,35 @@ from __future__ import annotations
 import difflib
 import math
 import numbers
+import os
+import re
 from collections.abc import Iterable
+from pathlib import Path
+from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 
 class InputError(ValueError):
-    """Something that the user gave cannot be used; the message is one sentence made for that user."""
+    """Something that the user gave cannot be used; the message is one sentence made for that user.
+
+    Whatever a sentence quotes, it stays on its line and within a screen: a line that ends in no full stop goes on in
+    the next, and the middle of a long one is left out.
+    """
+
+    def __init__(self, message: str) -> None:
+        lines = re.sub(r"(?<![.?])\s*\n\s*", " ", message).split("\n")
+        half = _LONGEST_LINE // 2
+        super().__init__("\n".join(x if len(x) <= 2 * half else f"{x[:half]} ... {x[-half:]}" for x in lines))
 
 
+# A longer line of a message is cut.
+_LONGEST_LINE = 1200
 # What is quoted of a value is at most so long.
 _LONGEST_SHOWN = 60
+# What file systems take, in bytes: of a name (with room for endings that are added), and of a path.
+_LONGEST_NAME, _LONGEST_PATH = 230, 4000
 
 
 def shown(value: object) -> str:
@@ -55,7 +72,8 @@ def require_choice(word: str, valid: Iterable[str], *, field: str) -> str:
 
 def require_whole(value: int, *, field: str, low: int, high: int | None = None) -> int:
     """``value`` as an int if it is a whole number in the range; else an `InputError` that names ``field``."""
-    whole = isinstance(value, numbers.Integral) and not isinstance(value, bool)
+    # 1e4 is a whole number wherever it stands; strings are none.
+    whole = _is_real(value) and (isinstance(value, numbers.Integral) or (abs(value) < 2**53 and value == int(value)))
     if not whole or value < low or (high is not None and value > high):
         bounds = f"of at least {low}" if high is None else f"from {low} to {high}"
         raise InputError(f"{field}: a whole number {bounds} is needed, not {shown(value)}.")
@@ -126,6 +144,20 @@ def require_one_shape(**values: ArrayLike) -> list[NDArray[np.float64]]:
         raise InputError(f"{', '.join(values)}: their shapes {shapes} do not go together.") from None
 
 
+def require_truth(value: bool, *, field: str) -> bool:
+    """``value`` as a bool if it is True or False; else an `InputError` that names ``field``."""
+    if not isinstance(value, bool | np.bool_):
+        raise InputError(f"{field}: True or False is needed, not {shown(value)}.")
+    return bool(value)
+
+
+def require_list(value: Iterable[Any], *, field: str, of: str) -> list[Any]:
+    """What ``value`` holds, one by one; an `InputError` that names ``field`` for a word and what holds nothing."""
+    if isinstance(value, str | bytes) or not isinstance(value, Iterable) or getattr(value, "ndim", 1) == 0:
+        raise InputError(f"{field}: a sequence of {of} is needed, not {shown(value)}.")
+    return list(value)
+
+
 def require_true(valid: ArrayLike, *, field: str, rule: str, of: ArrayLike) -> None:
     """Raise an `InputError` with the first value (...) of ``of`` where ``valid`` (...) is False."""
     bad = np.asarray(of)[~np.asarray(valid)]
@@ -135,6 +167,15 @@ def require_true(valid: ArrayLike, *, field: str, rule: str, of: ArrayLike) -> N
 
 def _is_real(value: object) -> bool:
     return isinstance(value, numbers.Real) and not isinstance(value, bool | np.bool_)
+
+
+def require_path(value: Path | str, *, field: str) -> Path:
+    """``value`` as a path if it can be one; else an `InputError` that names ``field``."""
+    text = str(value)
+    names = [len(os.fsencode(part)) for part in Path(text).parts] if isinstance(value, str | Path) else []
+    if not names or "\0" in text or max(names) > _LONGEST_NAME or sum(names) > _LONGEST_PATH:
+        raise InputError(f"{field}: {shown(value)} cannot be a path.")
+    return Path(text)
 
 
 def plain_number(value: float, *, sign: bool = False) -> str:

@@ -107,7 +107,8 @@ def test_p_value_at_the_ends() -> None:
 @pytest.mark.parametrize(
     ("events", "draws", "message"),
     [(-1, 5, "events"), (6, 5, "more events"), (1.5, 5, "events"), (1, 2.5, "draws"), (np.nan, 5, "events"),
-     ("many", 5, "cannot be read"), ([1, 2], [3, 4, 5], "do not go together"), (1, 1e17, "draws: a count is a whole number from 0"),
+     ("many", 5, "cannot be read"), ([1, 2], [3, 4, 5], "do not go together"),
+     (1, 1e17, "draws: a count is a whole number from 0"),
      (True, 5, "cannot be read"), (1, "5", "cannot be read"), (1j, 5, "cannot be read")],
 )  # fmt: skip
 def test_counts_that_do_not_fit(events: object, draws: object, message: str) -> None:

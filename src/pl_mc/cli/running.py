@@ -6,7 +6,7 @@ from pathlib import Path
 from typing import Annotated, Any
 
 from pl_mc.cli.printing import Draws, Flag, Json, Output, Progress, Seed, Several, Which, overrides
-from pl_mc.input_errors import InputError
+from pl_mc.input_errors import InputError, shown
 
 _DEFAULT = Output()
 
@@ -206,5 +206,5 @@ def bench(
 def _share(text: str) -> tuple[int, int]:
     index, slash, count = text.partition("/")
     if not (slash and index.strip().isdigit() and count.strip().isdigit()):
-        raise InputError(f"shard: i/n is needed, such as 2/8, not {text!r}.")
+        raise InputError(f"shard: i/n is needed, such as 2/8, not {shown(text)}.")
     return int(index), int(count)

@@ -16,7 +16,7 @@ from urllib.parse import urlsplit
 from pl_mc.engine.compiling import require_devices
 from pl_mc.engine.part_task import environment
 from pl_mc.engine.task import Engine, PartCounts, SweepTask
-from pl_mc.input_errors import InputError
+from pl_mc.input_errors import InputError, shown
 from pl_mc.runtime.threads import cores
 
 # How often a part is given out again, after the workers that had it died.
@@ -101,7 +101,7 @@ def _result(future: Any) -> PartCounts:
 def _client(scheduler: str, *, threads: int | None) -> Iterator[Any]:
     local = scheduler == "local" or scheduler.startswith("local:")
     if not local and not _is_address(scheduler):
-        raise InputError(f"scheduler: an address such as tcp://host:8786, or local, is needed, not {scheduler!r}.")
+        raise InputError(f"scheduler: an address such as tcp://host:8786, or local, is needed, not {shown(scheduler)}.")
     count = _local_workers(scheduler, threads or 1) if local else 0
     try:
         import dask
@@ -151,7 +151,7 @@ def _local_workers(scheduler: str, threads: int) -> int:
     if not colon:
         return max(1, cores() // threads)
     if not given.isdigit() or int(given) < 1:
-        raise InputError(f"scheduler: local:N needs a number of processes, such as local:4, not {scheduler!r}.")
+        raise InputError(f"scheduler: local:N needs a number of processes, such as local:4, not {shown(scheduler)}.")
     return int(given)
 
 

@@ -15,7 +15,7 @@ from pl_mc.engine.table import EpochTotals, FaultTotals, epoch_table, fault_tabl
 from pl_mc.engine.task import SweepTask
 from pl_mc.faults import Faults
 from pl_mc.geometry.record import Geometry
-from pl_mc.input_errors import InputError, require_whole
+from pl_mc.input_errors import InputError, require_path, require_truth, require_whole
 from pl_mc.methods import Method, as_methods
 from pl_mc.noise_models import GAUSSIAN, NoiseModel, as_noise_model
 from pl_mc.runtime.precision import dtype_of
@@ -71,10 +71,12 @@ def sweep(
     Raises:
         InputError: bad options, faults of another geometry, or a folder that cannot be used.
     """
+    require_truth(resume, field="resume")
     if folder is None and (resume or shard is not None):
         raise InputError("folder: to resume a sweep, or to count a shard of it, a folder for the parts is needed.")
     execution = Execution(
-        workers=workers, devices=devices, scheduler=scheduler, folder=None if folder is None else Path(folder),
+        workers=workers, devices=devices, scheduler=scheduler,
+        folder=None if folder is None else require_path(folder, field="folder"),
         resume=resume, shard=shard, progress=progress,
     )  # fmt: skip
     return run_sweep(
@@ -90,7 +92,7 @@ def run_sweep(
     draws: int,
     seed: int,
     methods: Sequence[str | Method],
-    alert: AlertLimits,
+    alert: str | AlertLimits,
     precision: str,
     noise: str | NoiseModel = GAUSSIAN,
     by_epoch: bool = False,
@@ -98,6 +100,7 @@ def run_sweep(
 ) -> pd.DataFrame:
     """`pl_mc.sweep`, with the way it runs as one record."""
     alert = require_inputs(g, faults, alert)
+    require_truth(by_epoch, field="by_epoch")
     task = SweepTask(
         geometry=g,
         faults=faults,

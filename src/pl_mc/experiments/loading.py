@@ -9,7 +9,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-from pl_mc.input_errors import InputError, nearest
+from pl_mc.input_errors import InputError, nearest, shown
 from pl_mc.studies.registry import KINDS, in_todays_words
 from pl_mc.studies.spec import Experiment
 from pl_mc.studies.validation import FieldProblem, problems_of, validated
@@ -63,7 +63,7 @@ def read_source(which: str) -> ExperimentSource:
     if which in known:
         path = known[which]
     elif path.suffix not in (".toml", ".json"):
-        raise InputError(f"experiment {which!r}: it is unknown ({nearest(which, known)}); a path ends in .toml.")
+        raise InputError(f"experiment {shown(which)}: it is unknown ({nearest(which, known)}); a path ends in .toml.")
     try:
         text = path.read_text(encoding="utf-8")
     except FileNotFoundError:
@@ -108,4 +108,4 @@ def _kind_problem(content: Mapping[str, Any]) -> FieldProblem | None:
     kind = content.get("kind")
     if isinstance(kind, str) and kind in KINDS:
         return None
-    return FieldProblem("kind", f"{kind!r} is unknown ({nearest(str(kind), KINDS)}).")
+    return FieldProblem("kind", f"{shown(kind)} is unknown ({nearest(str(kind), KINDS)}).")

@@ -92,7 +92,7 @@ class Geometry:
         _check_satellites(names, systems)
         if t <= POSITION_UNKNOWNS:
             raise InputError(f"design: three position columns and at least one clock are needed, not {t} columns.")
-        _require_rows(design, sigma, names)
+        _require_rows(design, sigma, np.array(names))
         zero = np.flatnonzero(~design.any(axis=0))
         if zero.size:
             raise InputError(f"design: column {zero[0]} is all zeros, so its unknown cannot be estimated.")
@@ -141,8 +141,7 @@ class Geometry:
         as unavailable.
         """
         design, sigma_m = require_numbers(design, field="design"), require_numbers(sigma_m, field="sigma_m")
-        in_view = np.asarray(in_view)
-        in_view = (in_view if in_view.dtype == bool else require_numbers(in_view, field="in_view")) != 0
+        in_view = as_mask(in_view)
         names, systems, clocks = (
             as_words(label, words) for label, words in (("names", names), ("systems", systems), ("clocks", clocks))
         )
@@ -267,6 +266,17 @@ def require_geometry(g: Geometry) -> Geometry:
     return g
 
 
+def as_mask(in_view: ArrayLike) -> NDArray[np.bool_]:
+    """Which rows count (...), from truth values or numbers."""
+    if isinstance(in_view, np.ndarray) and in_view.dtype == bool:
+        return in_view
+    try:
+        given = np.asarray(in_view)
+    except ValueError:
+        given = np.asarray(None)
+    return given if given.dtype == bool else require_numbers(in_view, field="in_view") != 0
+
+
 def as_words(field_name: str, value: Sequence[str]) -> tuple[str, ...]:
     """Names or letters, one by one; a word of letters is a sequence of them."""
     try:
@@ -287,7 +297,7 @@ def _as_epoch_numbers(value: ArrayLike, epochs: int) -> NDArray[np.int64]:
     return numbers.astype(np.int64)
 
 
-def _require_rows(design: NDArray[np.float64], sigma_m: NDArray[np.float64], names: Sequence[str]) -> None:
+def _require_rows(design: NDArray[np.float64], sigma_m: NDArray[np.float64], names: NDArray[np.str_]) -> None:
     """Raise `InputError` with the first satellite whose row (m, t) or sigma (m,) cannot be one."""
     usual = (sigma_m >= _LEAST_SIGMA_M) & (sigma_m <= _MOST_SIGMA_M)
     bounds = f"a sigma is finite and positive, {_LEAST_SIGMA_M:g} to {_MOST_SIGMA_M:g} m"

@@ -18,7 +18,7 @@ from pl_mc.geometry.orbits import satellite_positions_m
 from pl_mc.geometry.record import POSITION_UNKNOWNS, SYSTEM_NAMES, UP, Geometry, as_words
 from pl_mc.geometry.sites import DEFAULT_SITE, checked_positions_m, site_position_m
 from pl_mc.geometry.sp3 import PreciseOrbits, sp3_orbits
-from pl_mc.input_errors import InputError, shown
+from pl_mc.input_errors import InputError, require_number, shown
 
 DEFAULT_EPOCHS = 2880
 
@@ -89,13 +89,13 @@ def simulate(
         raise InputError(f"error model: a name or an error model is needed, not {shown(error_model)}.")
     model = as_error_model(error_model)
     position, epochs = _positions_m(site, track_m, epochs)
-    mask_deg = _number("mask_deg", mask_deg)
+    mask_deg = require_number(mask_deg, field="mask_deg")
     if not 0.0 <= mask_deg < 90.0:
         nearest_valid = "0" if mask_deg < 0 else "below 90"
         raise InputError(
             f"mask_deg: {mask_deg:g} deg is outside the range from 0 to below 90 deg; nearest: {nearest_valid}."
         )
-    interval_s = _number("interval_s", interval_s)
+    interval_s = require_number(interval_s, field="interval_s")
     if interval_s <= 0:
         raise InputError(f"interval_s: {interval_s:g} s; the time between epochs is over zero, as in 30 s.")
     if interval_s * epochs > _LONGEST_SERIES_S:
@@ -188,13 +188,3 @@ def _visibility(visible: ArrayLike, shape: tuple[int, ...]) -> NDArray[np.bool_]
             f"visible: True or False by epoch and satellite is needed, {shape}, not {mask.dtype} {mask.shape}."
         )
     return mask
-
-
-def _number(field: str, value: float) -> float:
-    try:
-        number = float(value)
-    except (TypeError, ValueError, OverflowError):
-        number = np.nan
-    if not np.isfinite(number):
-        raise InputError(f"{field}: {shown(value)} is not a finite number.")
-    return number

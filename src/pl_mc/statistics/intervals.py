@@ -145,7 +145,11 @@ def _beta_bounds(
     half = (1.0 - confidence) / 2.0
     other = total - count
     # The beta function has no zero parameter: those counts get their closed forms below.
-    some_count, some_other, some = np.where(count > 0, count, 1.0), np.where(other > 0, other, 1.0), np.maximum(total, 1.0)
+    some_count, some_other, some = (
+        np.where(count > 0, count, 1.0),
+        np.where(other > 0, other, 1.0),
+        np.maximum(total, 1.0),
+    )
     low = special.betaincinv(some_count, other + 1.0, half)
     low = _where_it_is(low, special.betainc, some_count, other + 1.0, half, -_LOG_REACH, 0.0)
     high = special.betainccinv(count + 1.0, some_other, half)

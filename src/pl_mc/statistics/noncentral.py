@@ -228,7 +228,9 @@ def _require_ranges(
         ("threshold", threshold, threshold >= 0.0, "it is not negative"),
         ("dof", dof, (dof >= 1.0) & (dof <= _MOST_DOF), f"degrees of freedom from 1 to {_MOST_DOF} are needed"),
         (
-            "noncentrality", noncentrality, (noncentrality >= 0.0) & (noncentrality <= _MOST_NONCENTRALITY),
+            "noncentrality",
+            noncentrality,
+            (noncentrality >= 0.0) & (noncentrality <= _MOST_NONCENTRALITY),
             f"a number from 0 to {_MOST_NONCENTRALITY:g} is needed",
         ),
         ("slope", slope, (slope >= 1.0 / _MOST_SLOPE) & (slope <= _MOST_SLOPE), "a positive, finite number is needed"),

@@ -14,7 +14,7 @@ from scipy import optimize, special
 
 from pl_mc.arrays import FloatArray
 from pl_mc.geometry.record import SYSTEM_NAMES, Geometry, require_geometry
-from pl_mc.input_errors import InputError, require_choice, require_fraction
+from pl_mc.input_errors import InputError, require_choice, require_fraction, shown
 from pl_mc.kernels.linear_model import REDUNDANCY_FLOOR
 from pl_mc.statistics.least_squares import ls_quantities
 
@@ -97,10 +97,10 @@ def noncentral_shift(p_fa: float = 1e-3, power: float = 0.8) -> float:
         InputError: a probability outside (0, 1), or a power that is not above ``p_fa``, which every mean has.
     """
     if require_fraction(power, field="power") <= require_fraction(p_fa, field="p_fa"):
-        raise InputError(f"power: it lies above p_fa ({p_fa:g}), which a test has without any bias, not {power!r}.")
+        raise InputError(f"power: it lies above p_fa ({p_fa:g}), which a test has without a bias, not {shown(power)}.")
     limit = -special.ndtri(p_fa / 2.0)
     if not np.isfinite(limit):
-        raise InputError(f"p_fa: {p_fa!r} is too small to compute with.")
+        raise InputError(f"p_fa: {shown(p_fa)} is too small to compute with.")
 
     def excess(shift: float) -> float:
         return float(special.ndtr(shift - limit) + special.ndtr(-shift - limit) - power)

@@ -18,7 +18,7 @@ from pl_mc.arrays import FloatArray
 from pl_mc.engine.calls import Chunk, Cut, run_calls
 from pl_mc.engine.checks import LARGEST_SEED, require_geometry_and_alert
 from pl_mc.geometry.record import Geometry
-from pl_mc.input_errors import InputError, require_fraction, require_whole
+from pl_mc.input_errors import InputError, require_fraction, require_whole, shown
 from pl_mc.methods import METHODS, Method
 from pl_mc.methods.capabilities import refusal
 from pl_mc.named import as_records, build_named
@@ -197,7 +197,7 @@ def _rates(rates_m_per_s: ArrayLike) -> FloatArray:
     try:
         rates = np.atleast_1d(np.asarray(rates_m_per_s, dtype=float))
     except (TypeError, ValueError):
-        raise InputError(f"rates_m_per_s: rates in metres a second are needed, not {rates_m_per_s!r}.") from None
+        raise InputError(f"rates_m_per_s: rates in metres a second are needed, not {shown(rates_m_per_s)}.") from None
     if rates.ndim != 1 or rates.size == 0 or not np.isfinite(rates).all() or np.unique(rates).size < rates.size:
         raise InputError("rates_m_per_s: one row of different finite rates is needed.")
     return rates

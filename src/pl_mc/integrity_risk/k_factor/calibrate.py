@@ -20,7 +20,14 @@ from pl_mc.alert import LPV_200, AlertLimits
 from pl_mc.engine.checks import LARGEST_DRAWS, LARGEST_SEED, require_geometry_and_alert, require_inputs
 from pl_mc.faults import Faults, no_fault
 from pl_mc.geometry.record import Geometry
-from pl_mc.input_errors import InputError, require_choice, require_fraction, require_whole
+from pl_mc.input_errors import (
+    InputError,
+    require_choice,
+    require_fraction,
+    require_truth,
+    require_whole,
+    require_within,
+)
 from pl_mc.integrity_risk.k_factor.calibrated import (
     ALWAYS_ALARMS,
     KFactor,
@@ -110,7 +117,8 @@ def calibrate(
     faults = no_fault(g) if faults is None else faults
     alert = require_inputs(g, faults, alert)
     require_choice(event, EVENTS, field="event")
-    require_fraction(target, field="target")
+    require_truth(pooled, field="pooled")
+    require_within(target, field="target", low=1e-15, high=0.999)
     require_fraction(confidence, field="confidence")
     draws = require_whole(draws, field="draws", low=1, high=LARGEST_DRAWS)
     seed = require_whole(seed, field="seed", low=0, high=LARGEST_SEED)

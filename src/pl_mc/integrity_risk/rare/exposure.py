@@ -29,7 +29,7 @@ from pl_mc.engine.noise import LANES, epoch_key, live_lanes
 from pl_mc.engine.plan import make_plan
 from pl_mc.faults import Faults
 from pl_mc.geometry.record import Geometry
-from pl_mc.input_errors import InputError, require_positive, require_whole
+from pl_mc.input_errors import InputError, require_positive, require_whole, shown
 from pl_mc.methods import Method, Outcome, as_methods
 from pl_mc.noise_models import GAUSSIAN, NoiseModel, as_noise_model
 from pl_mc.noise_models.gauss_markov import GaussMarkov, step
@@ -136,8 +136,8 @@ def samples_of(duration_s: float, interval_s: float) -> int:
     samples = round(ratio)
     if not 1 <= samples <= _MOST_SAMPLES or abs(ratio - samples) > 1e-9 * samples:
         raise InputError(
-            f"interval_s: from 1 to {_MOST_SAMPLES} whole intervals make a duration, but {duration_s!r} s is "
-            f"{ratio:.6g} times {interval_s!r} s."
+            f"interval_s: from 1 to {_MOST_SAMPLES} whole intervals make a duration, but {shown(duration_s)} s is "
+            f"{ratio:.6g} times {shown(interval_s)} s."
         )
     return samples
 
@@ -146,7 +146,7 @@ def _taus(tau_s: ArrayLike) -> list[float]:
     try:
         values = np.atleast_1d(np.asarray(tau_s, dtype=float))
     except (TypeError, ValueError):
-        raise InputError(f"tau_s: correlation times in seconds are needed, not {tau_s!r}.") from None
+        raise InputError(f"tau_s: correlation times in seconds are needed, not {shown(tau_s)}.") from None
     if values.ndim != 1 or values.size == 0:
         raise InputError("tau_s: one row of correlation times is needed.")
     return [GaussMarkov(float(value)).tau_s for value in values]

@@ -19,7 +19,7 @@ from pl_mc.arrays import FloatArray
 from pl_mc.engine.checks import LARGEST_SEED, notes_on_faults, require_inputs
 from pl_mc.faults import Faults
 from pl_mc.geometry.record import Geometry
-from pl_mc.input_errors import require_choice, require_fraction, require_whole
+from pl_mc.input_errors import require_choice, require_whole, require_within
 from pl_mc.integrity_risk.rare.importance import ImportanceRun, importance_sampling
 from pl_mc.integrity_risk.rare.limit_state import RISK_EVENTS, LimitState, all_axes
 from pl_mc.integrity_risk.rare.subset import Sampled, SubsetRun, subset_simulation
@@ -32,6 +32,8 @@ from pl_mc.statistics.least_squares import ls_quantities
 
 CONFIDENCE = 0.95
 FEWEST_EVALUATIONS = 500_000
+# Years of computing.
+MOST_EVALUATIONS = 10**12
 
 # An event seen this often in the first draws is counted, if that needs no more draws than the last number, or if it
 # is common.
@@ -133,8 +135,8 @@ def risk(
     alert = require_inputs(g, faults, alert)
     require_choice(event, RISK_EVENTS, field="event")
     seed = require_whole(seed, field="seed", low=0, high=LARGEST_SEED)
-    most = require_whole(max_evaluations, field="max_evaluations", low=FEWEST_EVALUATIONS)
-    require_fraction(target_cov, field="target_cov")
+    most = require_whole(max_evaluations, field="max_evaluations", low=FEWEST_EVALUATIONS, high=MOST_EVALUATIONS)
+    require_within(target_cov, field="target_cov", low=1e-3, high=1.0)
     threads = cores() if workers is None else require_whole(workers, field="workers", low=1)
     (chosen,) = as_methods([method])
     model = as_noise_model(noise, g)
