@@ -18,6 +18,12 @@ def build_named(name: str, classes: Mapping[str, type], options: Mapping[str, An
         options: their fields; lists, which experiment files have, become tuples, since records are hashable.
         what: what such a record is called, ``method`` or ``test``.
     """
+    head, bracket, _ = name.partition("(") if isinstance(name, str) else ("", "", "")
+    if bracket and head in classes:
+        raise InputError(
+            f"{what}: {shown(name)}: options do not stand in a name; in an experiment file they are fields beside "
+            f'name = "{head}", in Python {what}("{head}", ...).'
+        )
     cls = classes[require_choice(name, classes, field=what)]
     fields = [field.name for field in dataclasses.fields(cls)]
     for option in options:

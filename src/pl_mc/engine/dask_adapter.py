@@ -150,7 +150,7 @@ def _local_workers(scheduler: str, threads: int) -> int:
     _, colon, given = scheduler.partition(":")
     if not colon:
         return max(1, cores() // threads)
-    if not given.isdigit() or int(given) < 1:
+    if not (given.isascii() and given.isdigit() and len(given) < 10) or int(given) < 1:
         raise InputError(f"scheduler: local:N needs a number of processes, such as local:4, not {shown(scheduler)}.")
     return int(given)
 
