@@ -133,6 +133,10 @@ def ramps(g: Geometry, *, satellites: Sequence[str], start_m: float, stop_m: flo
     if isinstance(satellites, str) or not isinstance(satellites, Sequence):
         raise InputError(f"satellites: a sequence of names is needed, not {shown(satellites)}.")
     require_geometry(g)
+    for name in satellites:
+        # Each counts once; the same fault twice would count twice.
+        if list(satellites).count(name) > 1:
+            raise InputError(f"satellites: {shown(name)} is named twice.")
     sizes = ramp_sizes_m(start_m, stop_m, step_m)
     rows = np.zeros((len(satellites), sizes.size, len(g.names)))
     for k, satellite in enumerate(satellites):

@@ -31,15 +31,17 @@ Which = Annotated[
 ]
 
 
-def _whole(kind: object, tokens: Any) -> int | float:
-    """A number as Python writes it, 10000 or 1e4; what is no whole one is left to the checks of its field."""
+def _whole(kind: object, tokens: Any) -> int:
+    """A whole number as Python writes it, 10000 or 1e4."""
     text = tokens[0].value
     try:
-        if not text.isascii() or len(text) > _LONGEST_NUMBER:
-            raise ValueError
-        return int(text) if text.lstrip("+-").isdigit() else float(text)
-    except ValueError:
-        raise InputError(f"{shown(text)} is no number.") from None
+        if text.isascii() and len(text) <= _LONGEST_NUMBER and "_" not in text:
+            number = int(text) if text.lstrip("+-").isdigit() else float(text)
+            if number == int(number):
+                return int(number)
+    except (ValueError, OverflowError):
+        pass
+    raise InputError(f"{shown(text)} is no whole number.")
 
 
 def _whole_number(about: str) -> Any:

@@ -8,7 +8,7 @@ from pathlib import Path
 
 import pandas as pd
 
-from pl_mc.alert import LPV_200, AlertLimits
+from pl_mc.alert import LPV_200, AlertLimits, horizontal_note
 from pl_mc.engine.checks import LARGEST_DRAWS, LARGEST_SEED, notes_on_faults, require_inputs
 from pl_mc.engine.execution import Execution, run_task, sweep_engine
 from pl_mc.engine.table import EpochTotals, FaultTotals, epoch_table, fault_table
@@ -123,4 +123,5 @@ def run_sweep(
             totals.add(task, found)
     table = epoch_table(task, totals) if isinstance(totals, EpochTotals) else fault_table(task, totals)
     table.attrs["notes"] = notes
+    table.attrs["horizontal"] = horizontal_note(alert)
     return table

@@ -80,7 +80,7 @@ def run_experiment(
     begin = time.perf_counter()
     # The output is checked before anything is computed.
     with result_folder(folder) as working, _parts(name, experiment, folder, study, how, fresh) as how:
-        findings = study.run(experiment, how)
+        findings = study.found(experiment, how)
         document = write_findings(
             findings,
             working,

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from datetime import datetime
+from datetime import date
 from pathlib import Path
 
 import numpy as np
@@ -33,7 +33,7 @@ def simulate(
     *,
     site: str | ArrayLike | None = None,
     track_m: ArrayLike | None = None,
-    start: str | datetime = "2017-11-21T00:00:00",
+    start: str | date | np.datetime64 = "2017-11-21T00:00:00",
     epochs: int | None = None,
     interval_s: float = 30.0,
     mask_deg: float = 10.0,
@@ -73,8 +73,6 @@ def simulate(
     Raises:
         InputError: an option that cannot be used, or no satellite in view at any epoch.
     """
-    if not isinstance(start, str | datetime):
-        raise InputError(f"start: a date is needed, as in 2017-11-21T00:00:00, not {shown(start)}.")
     first_gps_s = gps_seconds(start)
     wanted, off = (
         (words,) if isinstance(words, str) else as_words(field, words)

@@ -32,9 +32,10 @@ def read_bytes(path: Path, *, most_bytes: int = MOST_BYTES) -> bytes:
     except (OSError, ValueError) as error:
         reason = system_reason(error) if isinstance(error, OSError) else "its name cannot be one"
         raise InputError(f"{shown(str(path))}: the file cannot be read ({reason}).") from None
+    if not stat.S_ISREG(os.fstat(place).st_mode):
+        os.close(place)
+        raise InputError(f"{path}: the file cannot be read (it is no regular file).")
     with os.fdopen(place, "rb") as file:
-        if not stat.S_ISREG(os.fstat(place).st_mode):
-            raise InputError(f"{path}: the file cannot be read (it is no regular file).")
         content = file.read(most_bytes + 1)
     if len(content) > most_bytes:
         raise InputError(f"{path}: the file cannot be read (it has more than {most_bytes / 1e6:g} MB).")

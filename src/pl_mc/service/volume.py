@@ -7,7 +7,7 @@ import math
 from collections import deque
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
-from datetime import datetime
+from datetime import date
 from pathlib import Path
 from typing import Any
 
@@ -97,7 +97,7 @@ def service_volume(
     step_deg: float = 5.0,
     step_s: float = 300.0,
     duration_s: float = DAY_S,
-    start: str | datetime = "2017-11-21T00:00:00",
+    start: str | date | np.datetime64 = "2017-11-21T00:00:00",
     mask_deg: float = 10.0,
     error_model: str | ErrorModel = "residual",
     methods: Sequence[str | Method] = ("ls", "igg3", "araim"),
@@ -164,7 +164,7 @@ def service_volume(
 
 def service_task(
     *, constellations: str | Sequence[str], without: str | Sequence[str], step_deg: float, step_s: float,
-    duration_s: float, start: str | datetime, mask_deg: float, error_model: str | ErrorModel,
+    duration_s: float, start: str | date | np.datetime64, mask_deg: float, error_model: str | ErrorModel,
     methods: Sequence[str | Method], operations: str | AlertLimits | Sequence[str | AlertLimits],
     durations_s: float | Sequence[float], draws: int, seed: int, noise: str | NoiseModel, precision: str,
 ) -> ServiceTask:  # fmt: skip

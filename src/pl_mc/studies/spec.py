@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import dataclasses
 import datetime
+import math
 import re
 import typing
 from collections.abc import Mapping
@@ -12,7 +13,17 @@ from typing import Annotated, Any, Literal
 
 import numpy as np
 from numpy.typing import NDArray
-from pydantic import BaseModel, ConfigDict, Discriminator, Field, Tag, ValidationInfo, field_validator, model_validator
+from pydantic import (
+    AfterValidator,
+    BaseModel,
+    ConfigDict,
+    Discriminator,
+    Field,
+    Tag,
+    ValidationInfo,
+    field_validator,
+    model_validator,
+)
 from pydantic_core import PydanticCustomError
 
 from pl_mc.alert import BY_NAME, AlertLimits
@@ -45,9 +56,12 @@ class Strict(BaseModel):
         if form in _NUMBERS:
             if isinstance(value, str | bool):
                 raise PydanticCustomError("number", "a number is needed")
-            most = LARGEST_DRAWS if "draws" in field else 2**63
-            if isinstance(value, int | float) and abs(value) > most and form in (int, int | None):
-                raise PydanticCustomError("number", f"a whole number of at most {most} is needed")
+            counted = form in (int, int | None)
+            most = LARGEST_DRAWS if counted and "draws" in field else 2**63 if counted else 10**300
+            if isinstance(value, int | float) and abs(value) > most and value not in (math.inf, -math.inf):
+                raise PydanticCustomError(
+                    "number", f"a {'whole ' * counted}number of at most {most if counted else 1e300} is needed"
+                )
         if form is str and isinstance(value, datetime.date):
             return value.isoformat()
         if isinstance(value, str) and typing.get_origin(form) is tuple:
@@ -123,6 +137,17 @@ class ReceiverFiles(Strict):
     def model(self) -> ErrorModel:
         """The error model."""
         return error_model(self.error_model, **self.error_options)
+
+
+def _each_once(names: tuple[str, ...]) -> tuple[str, ...]:
+    twice = [name for name in names if names.count(name) > 1]
+    if twice:
+        raise PydanticCustomError("twice", "each is named once, and {name} is there twice", {"name": twice[0]})
+    return names
+
+
+# Names of which each counts once.
+Distinct = Annotated[tuple[str, ...], AfterValidator(_each_once)]
 
 
 class NamedChoice(Strict):
