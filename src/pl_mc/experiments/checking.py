@@ -207,7 +207,7 @@ def _further_problems(content: Mapping[str, Any]) -> Iterator[FieldProblem]:
             geometry = yield from _simulated(part, given)
     sizes = content.get("faults")
     if isinstance(sizes, Mapping) and all(isinstance(sizes.get(field), int | float) for field in _RAMP):
-        yield from _tried("faults", lambda: ramp_sizes_m(*(float(sizes[field]) for field in _RAMP)))
+        yield from _tried("faults", lambda: ramp_sizes_m(*(sizes[field] for field in _RAMP)))
     if field_problems(content):
         return
     record = KINDS[content["kind"]].model.model_validate(content)
