@@ -9,6 +9,7 @@ import itertools
 import re
 import shutil
 from collections.abc import Iterable, Sequence
+from dataclasses import replace
 from pathlib import Path
 
 import pandas as pd
@@ -58,8 +59,10 @@ def write_findings(
         raise ValueError(f"{kind}: two tables have one name ({', '.join(names)})")
     for table in findings.tables:
         write_table(table.data, folder, table.name, stored=table.stored)
-    for picture in findings.pictures:
-        save_figure(picture.figure, folder, picture.name)
+    why = {picture.name: save_figure(picture.figure, folder, picture.name) for picture in findings.pictures}
+    pictures = tuple(picture for picture in findings.pictures if not why[picture.name])
+    undrawn = tuple(f"The figure {name} could not be drawn ({reason})." for name, reason in why.items() if reason)
+    findings = replace(findings, pictures=pictures, notes=(*findings.notes, *undrawn))
     for name, rows in findings.rows.items():
         shutil.copytree(rows, folder / name, ignore=shutil.ignore_patterns(".*"), dirs_exist_ok=True)
     for name, text in findings.texts.items():
