@@ -13,6 +13,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from pl_mc.arrays import ordinary_arithmetic
 from pl_mc.geometry.record import Geometry, require_geometry
 from pl_mc.input_errors import InputError, nearest, plain_number, require_number, require_numbers, require_true, shown
 
@@ -100,6 +101,7 @@ def no_fault(g: Geometry) -> Faults:
     return Faults.from_array(g, np.zeros((1, len(require_geometry(g).names))))
 
 
+@ordinary_arithmetic
 def biases(g: Geometry, bias_m: Mapping[str, float]) -> Faults:
     """One fault on one or several satellites.
 
@@ -128,6 +130,7 @@ def ramp(g: Geometry, *, satellite: str, start_m: float, stop_m: float, step_m: 
     return ramps(g, satellites=[satellite], start_m=start_m, stop_m=stop_m, step_m=step_m)
 
 
+@ordinary_arithmetic
 def ramps(g: Geometry, *, satellites: Sequence[str], start_m: float, stop_m: float, step_m: float) -> Faults:
     """The same ramp on each of several satellites, one at a time, satellite by satellite."""
     if isinstance(satellites, str) or not isinstance(satellites, Sequence):

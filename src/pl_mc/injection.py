@@ -9,6 +9,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from pl_mc.arrays import ordinary_arithmetic
 from pl_mc.faults import require_satellite
 from pl_mc.geometry.record import Geometry, require_geometry
 from pl_mc.input_errors import InputError, plain_number, require_list, require_numbers, shown
@@ -63,6 +64,7 @@ def parse_injection(text: str) -> Injection:
     return Injection(found["satellite"], bias, first, last)
 
 
+@ordinary_arithmetic
 def inject(
     g: Geometry, errors_m: NDArray[np.float64], injections: Sequence[Injection]
 ) -> tuple[NDArray[np.float64], NDArray[np.bool_], tuple[str, ...]]:

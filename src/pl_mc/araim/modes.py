@@ -20,6 +20,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pl_mc.araim.budget import Budget
+from pl_mc.arrays import ordinary_arithmetic
 from pl_mc.geometry.record import as_mask
 from pl_mc.input_errors import (
     InputError,
@@ -71,6 +72,7 @@ def lone_satellites(clocks: NDArray[np.bool_]) -> NDArray[np.bool_]:
     return np.asarray((clocks & (clocks.sum(axis=0) == 1)).any(axis=1))
 
 
+@ordinary_arithmetic
 def fault_modes(
     systems: Sequence[str],
     clocks: NDArray[np.bool_],

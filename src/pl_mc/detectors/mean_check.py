@@ -29,6 +29,7 @@ from jax import Array
 from numpy.typing import NDArray
 from scipy import stats
 
+from pl_mc.arrays import ordinary_arithmetic
 from pl_mc.detectors.base import SYSTEM_LETTERS, Verdict, View, by_count, hat_matrix, largest, nothing_redundant
 from pl_mc.detectors.chi2 import SYSTEMS, VARIANCES_M2, require_systems, require_variances, variances_text
 from pl_mc.geometry.record import POSITION_UNKNOWNS, SYSTEM_NAMES
@@ -209,6 +210,7 @@ class MeanCheck:
         return np.where(valid, stats.t.isf(tail, dof), np.inf)
 
 
+@ordinary_arithmetic
 def satterthwaite(
     variance_1: float, variance_2: float, count_1: NDArray | int, count_2: NDArray | int
 ) -> NDArray[np.float64]:

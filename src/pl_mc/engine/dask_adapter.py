@@ -9,6 +9,7 @@ from __future__ import annotations
 import contextlib
 import itertools
 import pickle
+import time
 from collections.abc import Callable, Generator, Iterator, Mapping, Sequence
 from typing import Any
 from urllib.parse import urlsplit
@@ -27,6 +28,9 @@ AHEAD = 2
 
 # How long to wait for a scheduler that does not answer.
 PATIENCE = "10s"
+
+# How long a scheduler may be without workers, which it may start anew, and how often that is looked at.
+LONELY_S, LOOK_S = 15.0, 1.0
 
 
 def dask_engine(scheduler: str, *, workers: int | None, devices: int | None) -> Engine:
@@ -62,7 +66,7 @@ def dask_engine(scheduler: str, *, workers: int | None, devices: int | None) -> 
             waiting = iter(numbers)
             window = AHEAD * max(1, len(client.scheduler_info(n_workers=-1)["workers"]))
             finished = as_completed([submit(number) for number in itertools.islice(waiting, window)])
-            for future in finished:
+            for future in _while_there_are_workers(client, finished):
                 part = _result(future)
                 for number in itertools.islice(waiting, 1):
                     finished.add(submit(number))
@@ -81,6 +85,32 @@ def _count_part(
     _require_equal("the worker that was given a part", environment(), there)
     parts = task.count_parts([number], threads=threads or cores(), devices=require_devices(devices))
     return next(iter(parts))
+
+
+def _while_there_are_workers(client: Any, finished: Any) -> Iterator[Any]:
+    """The futures as they are done; an `InputError` where for some time nobody has been there who could do them."""
+    deserted = time.monotonic()
+    while finished.count():
+        if not finished.is_empty():
+            yield next(finished)
+            deserted = time.monotonic()
+            continue
+        if _workers(client):
+            deserted = time.monotonic()
+        elif time.monotonic() - deserted > LONELY_S:
+            raise InputError(
+                f"scheduler: all its workers are gone, for {LONELY_S:g} s; what was finished before is kept and can be "
+                "resumed."
+            )
+        with finished.thread_condition:
+            finished.thread_condition.wait(timeout=LOOK_S)
+
+
+def _workers(client: Any) -> int:
+    try:
+        return len(client.scheduler_info(n_workers=-1)["workers"])
+    except Exception:  # A scheduler that does not answer has none; the types differ with what is wrong.
+        return 0
 
 
 def _result(future: Any) -> PartCounts:
@@ -157,15 +187,25 @@ def _local_workers(scheduler: str, threads: int) -> int:
 
 def _require_equal_workers(client: Any, here: Mapping[str, Any]) -> None:
     """Raise `InputError` unless there are workers, and each would give the numbers of this process."""
-    try:
-        found = client.run(environment)
-    except Exception as error:  # Whatever a worker says that cannot run this at all.
-        reason = " ".join(str(error).split())[:100] or type(error).__name__
-        raise InputError(f"scheduler: its workers need pl_mc {here['pl_mc']} installed ({reason}).") from None
+    found = client.run(environment, on_error="return")
     if not found:
         raise InputError("scheduler: it has no workers; start some with dask worker.")
+    # One that is lost while it is asked (a connection ends, which is an `OSError` or one of Dask's) counts nothing.
+    lost = {name: said for name, said in found.items() if isinstance(said, OSError | TimeoutError | KeyError)}
+    if len(lost) == len(found):
+        raise InputError(f"scheduler: its workers were lost while they were asked for their versions ({_why(lost)}).")
     for worker, there in found.items():
+        if worker in lost:
+            continue
+        if isinstance(there, Exception):  # Whatever a worker says that cannot run this at all.
+            reason = _why({worker: there})
+            raise InputError(f"scheduler: its workers need pl_mc {here['pl_mc']} installed ({reason}).")
         _require_equal(f"worker {worker}", there, here)
+
+
+def _why(errors: Mapping[str, Exception]) -> str:
+    error = next(iter(errors.values()))
+    return " ".join(str(error).split())[:100].rstrip(".") or type(error).__name__
 
 
 def _require_equal(worker: str, there: Mapping[str, Any], here: Mapping[str, Any]) -> None:

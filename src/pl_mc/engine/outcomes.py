@@ -14,6 +14,7 @@ from jax import Array
 from numpy.typing import NDArray
 
 from pl_mc.alert import LPV_200, AlertLimits
+from pl_mc.arrays import ordinary_arithmetic
 from pl_mc.engine.calls import Chunk, run_calls
 from pl_mc.engine.checks import LARGEST_DRAWS, LARGEST_SEED, require_errors, require_geometry_and_alert, require_inputs
 from pl_mc.engine.core import block_outcomes
@@ -33,6 +34,7 @@ OUTCOME_COLUMNS = ("east_m", "north_m", "up_m", "hpl_m", "vpl_m", "available", "
 _block_outcomes = jax.jit(block_outcomes, static_argnames=("methods", "noise_model"))
 
 
+@ordinary_arithmetic
 def sample(
     g: Geometry,
     faults: Faults,
@@ -84,6 +86,7 @@ def sample(
     return pd.concat(parts, ignore_index=True)
 
 
+@ordinary_arithmetic
 def solve(
     g: Geometry,
     errors_m: NDArray[np.float64],

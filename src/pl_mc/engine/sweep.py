@@ -9,6 +9,7 @@ from pathlib import Path
 import pandas as pd
 
 from pl_mc.alert import LPV_200, AlertLimits, horizontal_note
+from pl_mc.arrays import ordinary_arithmetic
 from pl_mc.engine.checks import LARGEST_DRAWS, LARGEST_SEED, notes_on_faults, require_inputs
 from pl_mc.engine.execution import Execution, run_task, sweep_engine
 from pl_mc.engine.table import EpochTotals, FaultTotals, epoch_table, fault_table
@@ -85,6 +86,7 @@ def sweep(
     )  # fmt: skip
 
 
+@ordinary_arithmetic
 def run_sweep(
     g: Geometry,
     faults: Faults,

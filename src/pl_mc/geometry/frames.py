@@ -6,12 +6,14 @@ import numpy as np
 import pymap3d
 from numpy.typing import ArrayLike, NDArray
 
+from pl_mc.arrays import ordinary_arithmetic
 from pl_mc.input_errors import InputError, require_numbers, require_one_shape, require_true
 
 # A coordinate that is farther out than this is none of a satellite or receiver; a light year would overflow.
 _FARTHEST_M = 1e12
 
 
+@ordinary_arithmetic
 def geodetic(position_m: ArrayLike) -> tuple[NDArray, NDArray, NDArray]:
     """WGS 84 latitude [rad], longitude [rad] and ellipsoidal height [m] of Earth-fixed positions (..., 3) [m]."""
     position = require_numbers(position_m, field="position_m")
@@ -29,6 +31,7 @@ def from_geodetic(latitude_rad: ArrayLike, longitude_rad: ArrayLike, height_m: A
     return np.stack(pymap3d.geodetic2ecef(latitude_rad, longitude_rad, height_m, deg=False), axis=-1)
 
 
+@ordinary_arithmetic
 def enu_rotation(latitude_rad: ArrayLike, longitude_rad: ArrayLike) -> NDArray:
     """(..., 3, 3), the rotation from Earth-fixed axes to local east, north, up (rows in that order)."""
     latitude, longitude = require_one_shape(latitude_rad=latitude_rad, longitude_rad=longitude_rad)

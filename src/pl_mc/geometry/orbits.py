@@ -15,6 +15,7 @@ from dataclasses import fields
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from pl_mc.arrays import ordinary_arithmetic
 from pl_mc.constants import EARTH_GM_M3_S2
 from pl_mc.geometry.constellations import Slot
 from pl_mc.geometry.gps_time import gmst_rad
@@ -35,6 +36,7 @@ def mean_motion_rad_s(semi_major_axis_m: ArrayLike) -> NDArray[np.float64]:
     return np.sqrt(EARTH_GM_M3_S2 / np.asarray(semi_major_axis_m, dtype=float) ** 3)
 
 
+@ordinary_arithmetic
 def satellite_positions_m(slots: Sequence[Slot], time_gps_s: ArrayLike) -> NDArray[np.float64]:
     """Earth-fixed positions of satellites (epochs, m, 3) [m].
 

@@ -7,6 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from pl_mc.arrays import ordinary_arithmetic
 from pl_mc.geometry.record import EAST, NORTH, POSITION_UNKNOWNS, UP, Geometry, require_geometry
 from pl_mc.input_errors import require_truth
 
@@ -34,6 +35,7 @@ class Dops:
     tdop: NDArray[np.float64]
 
 
+@ordinary_arithmetic
 def dops(g: Geometry, *, weighted: bool = False) -> Dops:
     """Dilutions of precision of each epoch (Kaplan and Hegarty, Understanding GPS, section 7.3.1).
 
@@ -61,6 +63,7 @@ def dops(g: Geometry, *, weighted: bool = False) -> Dops:
     )
 
 
+@ordinary_arithmetic
 def redundancy_numbers(g: Geometry) -> NDArray[np.float64]:
     """Redundancy number of each observation (..., n): the share of its error that shows in its own residual.
 

@@ -14,6 +14,7 @@ import jax
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from pl_mc.arrays import ordinary_arithmetic
 from pl_mc.input_errors import InputError, require_numbers, shown
 
 SYSTEM_NAMES = {"G": "GPS", "C": "BeiDou", "E": "Galileo", "R": "GLONASS"}
@@ -65,6 +66,7 @@ class Geometry:
     clocks: tuple[str, ...] = _static()
 
     @classmethod
+    @ordinary_arithmetic
     def from_arrays(
         cls, design: ArrayLike, sigma_m: ArrayLike, systems: Sequence[str], names: Sequence[str]
     ) -> Geometry:
@@ -114,6 +116,7 @@ class Geometry:
         )
 
     @classmethod
+    @ordinary_arithmetic
     def from_rows(
         cls,
         *,

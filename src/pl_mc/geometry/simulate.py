@@ -9,6 +9,7 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from pl_mc.arrays import ordinary_arithmetic
 from pl_mc.error_models import ErrorModel, Sky, as_error_model
 from pl_mc.geometry.almanac import almanac_slots
 from pl_mc.geometry.constellations import constellation_slots
@@ -29,6 +30,7 @@ MOST_EPOCHS = 1_000_000
 _LONGEST_SERIES_S = 1e10
 
 
+@ordinary_arithmetic
 def simulate(
     *,
     site: str | ArrayLike | None = None,

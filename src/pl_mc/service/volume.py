@@ -15,7 +15,7 @@ import numpy as np
 import pandas as pd
 
 from pl_mc.alert import LPV_200, OPERATIONS, AlertLimits
-from pl_mc.arrays import FloatArray
+from pl_mc.arrays import FloatArray, ordinary_arithmetic
 from pl_mc.engine.checks import LARGEST_SEED
 from pl_mc.engine.execution import Execution, run_task
 from pl_mc.error_models import ErrorModel, as_error_model
@@ -90,6 +90,7 @@ class ServiceVolume:
         return rows.nsmallest(most, "availability_rate", keep="first").reset_index(drop=True)
 
 
+@ordinary_arithmetic
 def service_volume(
     *,
     constellations: str | Sequence[str] = ("GPS", "GAL"),

@@ -15,7 +15,7 @@ import pandas as pd
 from scipy import special
 
 from pl_mc.alert import LPV_200, AlertLimits, as_alert
-from pl_mc.arrays import FloatArray
+from pl_mc.arrays import FloatArray, ordinary_arithmetic
 from pl_mc.constants import K_VERTICAL
 from pl_mc.faults import Faults, require_faults
 from pl_mc.geometry.record import Geometry, require_geometry
@@ -28,6 +28,7 @@ PL_ALARM, CHI2_ALARM = "pl", "chi2"
 RATE_COLUMNS = ("alarm_rate", "hazard_rate", "missed_rate", "misleading_rate", "exceeded_rate", "false_alarm_rate")
 
 
+@ordinary_arithmetic
 def ls_rates(
     g: Geometry,
     faults: Faults,

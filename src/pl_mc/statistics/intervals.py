@@ -12,6 +12,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 from scipy import special
 
+from pl_mc.arrays import ordinary_arithmetic
 from pl_mc.input_errors import require_fraction, require_one_shape, require_true
 
 # Beyond this a count is no longer a whole number that a double holds.
@@ -23,6 +24,7 @@ _LOG_REACH = 80.0
 _HALVINGS = 64
 
 
+@ordinary_arithmetic
 def clopper_pearson(
     events: ArrayLike, draws: ArrayLike, confidence: float = 0.95
 ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
@@ -53,6 +55,7 @@ def rate_columns(name: str, rate: Any, low: Any, high: Any) -> dict[str, Any]:
     return {f"{name}_rate": rate, f"{name}_low": low, f"{name}_high": high}
 
 
+@ordinary_arithmetic
 def shared_noise_bounds(
     rate: ArrayLike, independent_draws: ArrayLike, confidence: float = 0.95
 ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
@@ -75,6 +78,7 @@ def shared_noise_bounds(
     return _beta_bounds(mean * total, total, confidence)
 
 
+@ordinary_arithmetic
 def wilson(
     events: ArrayLike, draws: ArrayLike, confidence: float = 0.95
 ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
@@ -105,6 +109,7 @@ def wilson(
     return low, high
 
 
+@ordinary_arithmetic
 def difference_bounds(
     first_events: ArrayLike,
     first_draws: ArrayLike,
@@ -182,6 +187,7 @@ def _where_it_is(
     return found
 
 
+@ordinary_arithmetic
 def binomial_p_value(events: ArrayLike, draws: ArrayLike, probability: ArrayLike) -> NDArray[np.float64]:
     """How surprising a count is where the rate is known: twice the smaller tail of the binomial, 1 at the most.
 

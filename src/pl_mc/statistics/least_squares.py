@@ -11,7 +11,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from pl_mc.arrays import FloatArray
+from pl_mc.arrays import FloatArray, ordinary_arithmetic
 from pl_mc.faults import Faults, require_faults
 from pl_mc.geometry.record import EAST, NORTH, POSITION_UNKNOWNS, UP, Geometry, require_geometry
 
@@ -61,6 +61,7 @@ class FaultEffects:
     noncentrality: FloatArray
 
 
+@ordinary_arithmetic
 def ls_quantities(g: Geometry) -> LsQuantities:
     """DOPs, vertical gains and redundancy of least squares with weights P = diag(1/sigma^2).
 
@@ -100,6 +101,7 @@ def ls_quantities(g: Geometry) -> LsQuantities:
     )
 
 
+@ordinary_arithmetic
 def fault_effects(g: Geometry, faults: Faults, quantities: LsQuantities | None = None) -> FaultEffects:
     """Mean vertical error and noncentrality of V'PV under each fault, where all of its satellites are in view.
 

@@ -16,7 +16,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 from scipy import special
 
-from pl_mc.arrays import FloatArray
+from pl_mc.arrays import FloatArray, ordinary_arithmetic
 from pl_mc.input_errors import require_one_shape, require_true
 
 # Beyond this many standard deviations a normal density is below the smallest double.
@@ -46,6 +46,7 @@ _ASYMPTOTIC_ABOVE = 1e4
 _ASYMPTOTIC_TERMS = 12
 
 
+@ordinary_arithmetic
 def split_at_threshold(threshold: ArrayLike, dof: ArrayLike, noncentrality: ArrayLike) -> tuple[FloatArray, FloatArray]:
     """P(Y <= threshold) and P(Y > threshold) of a noncentral chi-square Y.
 
@@ -66,6 +67,7 @@ def split_at_threshold(threshold: ArrayLike, dof: ArrayLike, noncentrality: Arra
     return np.where(rare_above, 1.0 - above, below), np.where(rare_above, above, 1.0 - below)
 
 
+@ordinary_arithmetic
 def joint_exceedance(
     threshold: ArrayLike, dof: ArrayLike, noncentrality: ArrayLike, slope: ArrayLike, shift: ArrayLike
 ) -> tuple[FloatArray, FloatArray]:

@@ -12,7 +12,7 @@ import pandas as pd
 from numpy.typing import NDArray
 from scipy import optimize, special
 
-from pl_mc.arrays import FloatArray
+from pl_mc.arrays import FloatArray, ordinary_arithmetic
 from pl_mc.geometry.record import SYSTEM_NAMES, Geometry, require_geometry
 from pl_mc.input_errors import InputError, require_choice, require_fraction, shown
 from pl_mc.kernels.linear_model import REDUNDANCY_FLOOR
@@ -22,6 +22,7 @@ from pl_mc.statistics.least_squares import ls_quantities
 _NO_EFFECT = 1e-12
 
 
+@ordinary_arithmetic
 def reliability(g: Geometry, p_fa: float = 1e-3, power: float = 0.8) -> pd.DataFrame:
     """Internal and external reliability of every satellite in view, for one alternative hypothesis at a time.
 
@@ -70,6 +71,7 @@ def reliability(g: Geometry, p_fa: float = 1e-3, power: float = 0.8) -> pd.DataF
     )
 
 
+@ordinary_arithmetic
 def reliability_matrix(g: Geometry) -> FloatArray:
     """R = Qvv P = I - A N^-1 A'P, (..., n, n), with which V = A dX - L = -R e (Guo et al. 2022, eqs 7-8).
 
@@ -88,6 +90,7 @@ def reliability_matrix(g: Geometry) -> FloatArray:
     return np.where(np.isnan(quantities.vdop_m)[..., None, None], np.nan, matrix)
 
 
+@ordinary_arithmetic
 def noncentral_shift(p_fa: float = 1e-3, power: float = 0.8) -> float:
     """delta0: the mean at which a two-sided test of a normal variable of unit variance has that power.
 
@@ -108,6 +111,7 @@ def noncentral_shift(p_fa: float = 1e-3, power: float = 0.8) -> float:
     return float(optimize.brentq(excess, 0.0, limit + 40.0, xtol=1e-14, rtol=1e-14))
 
 
+@ordinary_arithmetic
 def least_detectable(g: Geometry, *, system: str | None = None) -> NDArray[np.int64]:
     """(...), row of the satellite with the largest MDB at each epoch, of one system where ``system`` names it.
 

@@ -11,10 +11,12 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 from scipy import stats
 
+from pl_mc.arrays import ordinary_arithmetic
 from pl_mc.constants import K_VERTICAL
 from pl_mc.input_errors import require_fraction, require_numbers, require_positive, require_true
 
 
+@ordinary_arithmetic
 def fault_free_exceeded(dof: ArrayLike, k_vertical: float = K_VERTICAL) -> NDArray[np.float64]:
     """Fault-free P(|vertical error| > VPL) of least squares, 2 T_dof(-k), alarm or not.
 
@@ -32,6 +34,7 @@ def fault_free_exceeded(dof: ArrayLike, k_vertical: float = K_VERTICAL) -> NDArr
     return np.asarray(2.0 * stats.t.sf(require_positive(k_vertical, field="k_vertical"), _require_dof(dof)))
 
 
+@ordinary_arithmetic
 def student_factor(dof: ArrayLike, risk: float = 1e-7) -> NDArray[np.float64]:
     """The factor of m VDOP that a fault-free vertical error exceeds with probability ``risk``, both signs together.
 
@@ -45,6 +48,7 @@ def student_factor(dof: ArrayLike, risk: float = 1e-7) -> NDArray[np.float64]:
     return np.asarray(stats.t.isf(require_fraction(risk, field="risk") / 2.0, _require_dof(dof)))
 
 
+@ordinary_arithmetic
 def chi2_threshold(dof: ArrayLike, p_fa: float = 1e-3) -> NDArray[np.float64]:
     """The value that a fault-free V'PV exceeds with probability ``p_fa``: central chi-square, (...), unitless.
 

@@ -14,7 +14,7 @@ from numpy.typing import ArrayLike, NDArray
 from scipy import stats
 
 from pl_mc.alert import LPV_200, AlertLimits
-from pl_mc.arrays import FloatArray
+from pl_mc.arrays import FloatArray, ordinary_arithmetic
 from pl_mc.engine.calls import Chunk, Cut, run_calls
 from pl_mc.engine.checks import LARGEST_SEED, require_geometry_and_alert
 from pl_mc.geometry.record import Geometry
@@ -44,6 +44,7 @@ _MOST_DRAWS = 2**20
 _FEWEST_BEYOND = 10
 
 
+@ordinary_arithmetic
 def time_to_alert(
     g_series: Geometry,
     satellite: str,

@@ -23,7 +23,7 @@ from numpy.typing import ArrayLike
 from scipy import special
 
 from pl_mc.alert import LPV_200, AlertLimits
-from pl_mc.arrays import FloatArray
+from pl_mc.arrays import FloatArray, ordinary_arithmetic
 from pl_mc.engine.checks import LARGEST_SEED, require_geometry_and_alert, require_single
 from pl_mc.faults import Faults, fault_label
 from pl_mc.geometry.record import Geometry
@@ -86,6 +86,7 @@ _NUMBERS = ("probability", "standard_error", "low", "high")
 _AT_MOST_ONE = Conditional(1.0, 0.0, 0.0, 1.0, BOUNDED)
 
 
+@ordinary_arithmetic
 def risk_budget(
     g: Geometry,
     *,

@@ -17,6 +17,7 @@ import numpy as np
 import pandas as pd
 
 from pl_mc.alert import LPV_200, AlertLimits
+from pl_mc.arrays import ordinary_arithmetic
 from pl_mc.engine.checks import LARGEST_DRAWS, LARGEST_SEED, require_geometry_and_alert, require_inputs
 from pl_mc.faults import Faults, no_fault
 from pl_mc.geometry.record import Geometry
@@ -50,6 +51,7 @@ from pl_mc.methods.capabilities import exact_law, k_of, require_k, with_k
 from pl_mc.statistics.least_squares import ls_quantities
 
 
+@ordinary_arithmetic
 def calibrate(
     g: Geometry,
     *,

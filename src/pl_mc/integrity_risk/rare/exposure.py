@@ -21,6 +21,7 @@ from numpy.typing import ArrayLike
 from scipy import stats
 
 from pl_mc.alert import LPV_200, AlertLimits
+from pl_mc.arrays import ordinary_arithmetic
 from pl_mc.engine.calls import Chunk, run_calls
 from pl_mc.engine.checks import LARGEST_DRAWS, LARGEST_SEED, require_inputs, require_single
 from pl_mc.engine.core import EpochBatch, each_outcome, prepare_epoch
@@ -46,6 +47,7 @@ _MOST_SAMPLES = 100_000
 _FEWEST = 10
 
 
+@ordinary_arithmetic
 def exposure(
     g: Geometry,
     faults: Faults,

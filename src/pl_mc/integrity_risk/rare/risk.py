@@ -15,7 +15,7 @@ import pandas as pd
 from scipy import stats
 
 from pl_mc.alert import LPV_200, AlertLimits, horizontal_note
-from pl_mc.arrays import FloatArray
+from pl_mc.arrays import FloatArray, ordinary_arithmetic
 from pl_mc.engine.checks import LARGEST_SEED, notes_on_faults, require_inputs
 from pl_mc.faults import Faults
 from pl_mc.geometry.record import Geometry
@@ -78,6 +78,7 @@ class RiskEstimate:
     warning: str = ""
 
 
+@ordinary_arithmetic
 def risk(
     g: Geometry,
     faults: Faults,

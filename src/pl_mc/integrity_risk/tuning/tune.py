@@ -20,7 +20,7 @@ from numpy.typing import NDArray
 from scipy import optimize
 
 from pl_mc.alert import LPV_200, AlertLimits
-from pl_mc.arrays import FloatArray
+from pl_mc.arrays import FloatArray, ordinary_arithmetic
 from pl_mc.engine.checks import LARGEST_DRAWS, LARGEST_SEED, require_geometry_and_alert, require_inputs, require_single
 from pl_mc.faults import Faults, no_fault
 from pl_mc.geometry.record import Geometry
@@ -63,6 +63,7 @@ _FEWEST_EVENTS = 20
 _WEIGHTED_DRAWS, _LEAST_EFFECTIVE = 16_384, 30.0
 
 
+@ordinary_arithmetic
 def tune(
     g: Geometry,
     *,

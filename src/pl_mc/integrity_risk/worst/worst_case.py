@@ -19,7 +19,7 @@ import numpy as np
 import pandas as pd
 
 from pl_mc.alert import LPV_200, AlertLimits, horizontal_note
-from pl_mc.arrays import FloatArray
+from pl_mc.arrays import FloatArray, ordinary_arithmetic
 from pl_mc.engine.checks import LARGEST_SEED, require_geometry_and_alert
 from pl_mc.faults import require_satellite
 from pl_mc.geometry.record import Geometry
@@ -55,6 +55,7 @@ from pl_mc.statistics.exact import LeastSquaresLaw
 _NEGLIGIBLE = 1e-9
 
 
+@ordinary_arithmetic
 def worst_case(
     g: Geometry,
     *,
