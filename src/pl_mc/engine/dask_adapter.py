@@ -32,6 +32,9 @@ PATIENCE = "10s"
 # How long a scheduler may be without workers, which it may start anew, and how often that is looked at.
 LONELY_S, LOOK_S = 15.0, 1.0
 
+# How long to wait for a part that is finished, which is a table of counts, before workers are looked for.
+FETCH_S = 5.0
+
 
 def dask_engine(scheduler: str, *, workers: int | None, devices: int | None) -> Engine:
     """An engine on the scheduler at an address (``tcp://host:port``), or on ``local`` or ``local:N`` processes.
@@ -66,8 +69,9 @@ def dask_engine(scheduler: str, *, workers: int | None, devices: int | None) -> 
             waiting = iter(numbers)
             window = AHEAD * max(1, len(client.scheduler_info(n_workers=-1)["workers"]))
             finished = as_completed([submit(number) for number in itertools.islice(waiting, window)])
-            for future in _while_there_are_workers(client, finished):
-                part = _result(future)
+            watch = _Watch(client)
+            for future in watch.each(finished):
+                part = _result(future, watch)
                 for number in itertools.islice(waiting, 1):
                     finished.add(submit(number))
                 for _ in task.plan.chunks(part.number):
@@ -87,23 +91,32 @@ def _count_part(
     return next(iter(parts))
 
 
-def _while_there_are_workers(client: Any, finished: Any) -> Iterator[Any]:
-    """The futures as they are done; an `InputError` where for some time nobody has been there who could do them."""
-    deserted = time.monotonic()
-    while finished.count():
-        if not finished.is_empty():
-            yield next(finished)
-            deserted = time.monotonic()
-            continue
-        if _workers(client):
-            deserted = time.monotonic()
-        elif time.monotonic() - deserted > LONELY_S:
+class _Watch:
+    """The time for which a scheduler has had no workers, who could do or hand over what is waited for."""
+
+    def __init__(self, client: Any) -> None:
+        self.client = client
+        self.deserted = time.monotonic()
+
+    def look(self) -> None:
+        """Raise `InputError` where that is too long."""
+        if _workers(self.client):
+            self.deserted = time.monotonic()
+        elif time.monotonic() - self.deserted > LONELY_S:
             raise InputError(
                 f"scheduler: all its workers are gone, for {LONELY_S:g} s; what was finished before is kept and can be "
                 "resumed."
             )
-        with finished.thread_condition:
-            finished.thread_condition.wait(timeout=LOOK_S)
+
+    def each(self, finished: Any) -> Iterator[Any]:
+        """The futures as they are done."""
+        while finished.count():
+            if finished.has_ready():
+                yield next(finished)
+                continue
+            self.look()
+            with finished.thread_condition:
+                finished.thread_condition.wait(timeout=LOOK_S)
 
 
 def _workers(client: Any) -> int:
@@ -113,9 +126,14 @@ def _workers(client: Any) -> int:
         return 0
 
 
-def _result(future: Any) -> PartCounts:
+def _result(future: Any, watch: _Watch) -> PartCounts:
     try:
-        return future.result()
+        while True:
+            try:
+                return future.result(timeout=FETCH_S)
+            except TimeoutError:
+                # Its worker may have died since; then another one counts it again, if there is any.
+                watch.look()
     except InputError:
         raise
     except Exception as error:
