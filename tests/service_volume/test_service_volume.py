@@ -34,7 +34,7 @@ START, STEP_S, EPOCHS, MASK_DEG = "2017-11-21T00:00:00", 5_400.0, 6, 15.0
 CONSTELLATIONS, WITHOUT = ("GPS", "GAL"), ("G05", "E11")
 DRAWS, SEED = 40, 11
 # Levels of about 6 m: a limit in the middle of them, and one that decides by the horizontal level.
-NEAR = AlertLimits("near", vertical_m=7.0, horizontal_m=1e9)
+NEAR = AlertLimits("near", vertical_m=7.0, horizontal_m=7400.0)
 FLAT = AlertLimits("flat", vertical_m=1e9, horizontal_m=5.0)
 FAR = AlertLimits("far", vertical_m=1e9, horizontal_m=1e9)
 
