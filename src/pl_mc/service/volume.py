@@ -5,7 +5,7 @@ from __future__ import annotations
 import functools
 import math
 from collections import deque
-from collections.abc import Iterable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 from datetime import date
 from pathlib import Path
@@ -21,7 +21,7 @@ from pl_mc.engine.execution import Execution, run_task
 from pl_mc.error_models import ErrorModel, as_error_model
 from pl_mc.geometry.constellations import constellation_slots
 from pl_mc.geometry.gps_time import gps_seconds
-from pl_mc.input_errors import InputError, require_choice, require_number, require_positive, require_whole
+from pl_mc.input_errors import InputError, require_choice, require_list, require_number, require_positive, require_whole
 from pl_mc.methods import Method, as_methods
 from pl_mc.noise_models import GAUSSIAN, NoiseModel, as_noise_model
 from pl_mc.runtime.precision import dtype_of
@@ -271,8 +271,8 @@ def require_epochs(duration_s: float, step_s: float) -> int:
 
 def as_operations(operations: Any) -> tuple[AlertLimits, ...]:
     """Names of `OPERATIONS` and alert limits, made alert limits; an `InputError` for anything else."""
-    several = isinstance(operations, Iterable) and not isinstance(operations, str)
-    given = list(operations) if several else [operations]
+    alone = isinstance(operations, str | AlertLimits)
+    given = [operations] if alone else require_list(operations, field="operations", of="names or alert limits")
     if not given:
         raise InputError(f"operations: at least one is needed (valid: {', '.join(OPERATIONS)}).")
     made: list[AlertLimits] = []

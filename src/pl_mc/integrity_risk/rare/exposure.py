@@ -30,7 +30,7 @@ from pl_mc.engine.noise import LANES, epoch_key, live_lanes
 from pl_mc.engine.plan import make_plan
 from pl_mc.faults import Faults
 from pl_mc.geometry.record import Geometry
-from pl_mc.input_errors import InputError, require_positive, require_whole, shown
+from pl_mc.input_errors import InputError, require_numbers, require_positive, require_whole, shown
 from pl_mc.methods import Method, Outcome, as_methods
 from pl_mc.noise_models import GAUSSIAN, NoiseModel, as_noise_model
 from pl_mc.noise_models.gauss_markov import GaussMarkov, step
@@ -135,7 +135,7 @@ def exposure(
 def samples_of(duration_s: float, interval_s: float) -> int:
     """The samples of an exposure; an `InputError` unless whole intervals make its duration."""
     ratio = require_positive(duration_s, field="duration_s") / require_positive(interval_s, field="interval_s")
-    samples = round(ratio)
+    samples = round(min(ratio, 2.0 * _MOST_SAMPLES))
     if not 1 <= samples <= _MOST_SAMPLES or abs(ratio - samples) > 1e-9 * samples:
         raise InputError(
             f"interval_s: from 1 to {_MOST_SAMPLES} whole intervals make a duration, but {shown(duration_s)} s is "
@@ -145,10 +145,7 @@ def samples_of(duration_s: float, interval_s: float) -> int:
 
 
 def _taus(tau_s: ArrayLike) -> list[float]:
-    try:
-        values = np.atleast_1d(np.asarray(tau_s, dtype=float))
-    except (TypeError, ValueError):
-        raise InputError(f"tau_s: correlation times in seconds are needed, not {shown(tau_s)}.") from None
+    values = np.atleast_1d(require_numbers(tau_s, field="tau_s"))
     if values.ndim != 1 or values.size == 0:
         raise InputError("tau_s: one row of correlation times is needed.")
     return [GaussMarkov(float(value)).tau_s for value in values]
