@@ -13,6 +13,9 @@ from typing import Any
 
 __version__ = "0.1.0"
 
+# Before anybody forks.
+importlib.import_module("pl_mc.runtime.forks")
+
 _LINES = ast.parse(Path(__file__).with_suffix(".pyi").read_text(encoding="utf-8")).body
 
 # Public name -> where it is, and its name there.

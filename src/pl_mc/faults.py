@@ -13,10 +13,14 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from pl_mc.geometry.record import Geometry
-from pl_mc.input_errors import InputError, nearest, plain_number, require_number, shown
+from pl_mc.arrays import ordinary_arithmetic
+from pl_mc.geometry.record import Geometry, require_geometry
+from pl_mc.input_errors import InputError, nearest, plain_number, require_number, require_numbers, require_true, shown
 
 NO_FAULT = "none"
+
+# A larger bias is a slip of the unit, and cannot be computed with.
+MOST_BIAS_M = 1e9
 
 # A ramp of more steps is a slip of the hand.
 _MOST_STEPS = 1_000_000
@@ -39,16 +43,14 @@ class Faults:
     @classmethod
     def from_array(cls, g: Geometry, bias_m: ArrayLike) -> Faults:
         """Faults from rows of biases (f, m) [m] over ``g.names``."""
-        try:
-            bias = np.atleast_2d(np.array(bias_m, dtype=float))
-        except (TypeError, ValueError) as error:
-            raise InputError(f"bias_m: it cannot be read as an array of numbers ({error}).") from None
+        require_geometry(g)
+        bias = np.atleast_2d(require_numbers(bias_m, field="bias_m"))
         if bias.ndim != 2 or bias.shape[1] != len(g.names):
             raise InputError(f"bias_m: rows of {len(g.names)} biases are needed, not shape {bias.shape}.")
         if bias.shape[0] == 0:
             raise InputError("faults: at least one fault is needed; use no_fault(g) for the fault-free case.")
-        if not np.isfinite(bias).all():
-            raise InputError("bias_m: a bias is a finite number of metres.")
+        rule = f"a bias is a finite number of metres, up to {MOST_BIAS_M:g}"
+        require_true(np.abs(bias) <= MOST_BIAS_M, field="bias_m", rule=rule, of=bias)
         labels = tuple(fault_label(dict(zip(g.names, row, strict=True))) for row in bias)
         return cls(bias_m=bias, names=g.names, labels=labels)
 
@@ -83,7 +85,7 @@ class Faults:
 
     def require_geometry(self, g: Geometry) -> None:
         """Raise `InputError` unless these faults were made for the satellites of ``g``."""
-        if self.names != g.names:
+        if self.names != require_geometry(g).names:
             raise InputError("faults: they were made for other satellites than those of this geometry.")
 
 
@@ -96,9 +98,10 @@ def fault_label(bias_by_name: Mapping[str, float]) -> str:
 
 def no_fault(g: Geometry) -> Faults:
     """The fault-free case."""
-    return Faults.from_array(g, np.zeros((1, len(g.names))))
+    return Faults.from_array(g, np.zeros((1, len(require_geometry(g).names))))
 
 
+@ordinary_arithmetic
 def biases(g: Geometry, bias_m: Mapping[str, float]) -> Faults:
     """One fault on one or several satellites.
 
@@ -108,7 +111,7 @@ def biases(g: Geometry, bias_m: Mapping[str, float]) -> Faults:
     """
     if not isinstance(bias_m, Mapping):
         raise InputError(f"biases: a table by satellite is needed, such as {{'G02': 30.0}}, not {shown(bias_m)}.")
-    row = np.zeros(len(g.names))
+    row = np.zeros(len(require_geometry(g).names))
     for name, value in bias_m.items():
         row[require_satellite(g, name)] = require_number(value, field=f"bias of {name}")
     faults = Faults.from_array(g, row[None])
@@ -127,10 +130,16 @@ def ramp(g: Geometry, *, satellite: str, start_m: float, stop_m: float, step_m: 
     return ramps(g, satellites=[satellite], start_m=start_m, stop_m=stop_m, step_m=step_m)
 
 
+@ordinary_arithmetic
 def ramps(g: Geometry, *, satellites: Sequence[str], start_m: float, stop_m: float, step_m: float) -> Faults:
     """The same ramp on each of several satellites, one at a time, satellite by satellite."""
     if isinstance(satellites, str) or not isinstance(satellites, Sequence):
         raise InputError(f"satellites: a sequence of names is needed, not {shown(satellites)}.")
+    require_geometry(g)
+    for name in satellites:
+        # Each counts once; the same fault twice would count twice.
+        if list(satellites).count(name) > 1:
+            raise InputError(f"satellites: {shown(name)} is named twice.")
     sizes = ramp_sizes_m(start_m, stop_m, step_m)
     rows = np.zeros((len(satellites), sizes.size, len(g.names)))
     for k, satellite in enumerate(satellites):
@@ -161,3 +170,11 @@ def require_satellite(g: Geometry, name: str) -> int:
     if not isinstance(name, str) or name not in g.names:
         raise InputError(f"satellite: {shown(name)} is not in view ({nearest(str(name), g.names)}).")
     return g.names.index(name)
+
+
+def require_faults(faults: Faults) -> Faults:
+    """``faults`` if they are `Faults`; else an `InputError`."""
+    if not isinstance(faults, Faults):
+        kind = faults.__name__ if isinstance(faults, type) else type(faults).__name__
+        raise InputError(f"faults: use ramp, biases or no_fault to make faults; {kind} is none of them.")
+    return faults

@@ -9,9 +9,10 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from pl_mc.arrays import ordinary_arithmetic
 from pl_mc.faults import require_satellite
-from pl_mc.geometry.record import Geometry
-from pl_mc.input_errors import InputError, plain_number, shown
+from pl_mc.geometry.record import Geometry, require_geometry
+from pl_mc.input_errors import InputError, plain_number, require_list, require_numbers, shown
 
 _FORM = re.compile(r"(?P<satellite>[^:]+):(?P<bias>[^:]+?)m?(?::(?P<first>\d+)-(?P<last>\d+))?")
 
@@ -47,22 +48,23 @@ def parse_injection(text: str) -> Injection:
         raise InputError(f"fault {shown(text)}: {rule}.")
     found = _FORM.fullmatch(text.strip())
     if found is None:
-        raise InputError(f"fault {text!r}: {rule}.")
+        raise InputError(f"fault {shown(text)}: {rule}.")
     try:
         # Python reads digits of other alphabets and underscores too.
         bias = float(found["bias"] if text.isascii() and "_" not in found["bias"] else "none")
     except ValueError:
-        raise InputError(f"fault {text!r}: {found['bias']!r} is no number of metres; {rule}.") from None
+        raise InputError(f"fault {shown(text)}: {shown(found['bias'])} is no number of metres; {rule}.") from None
     if not np.isfinite(bias):
-        raise InputError(f"fault {text!r}: the bias is a finite number of metres.")
+        raise InputError(f"fault {shown(text)}: the bias is a finite number of metres.")
     if found["first"] is None:
         return Injection(found["satellite"], bias)
     first, last = int(found["first"]), int(found["last"])
     if last < first:
-        raise InputError(f"fault {text!r}: the window ends before it begins; did you mean {last}-{first}?")
+        raise InputError(f"fault {shown(text)}: the window ends before it begins; did you mean {last}-{first}?")
     return Injection(found["satellite"], bias, first, last)
 
 
+@ordinary_arithmetic
 def inject(
     g: Geometry, errors_m: NDArray[np.float64], injections: Sequence[Injection]
 ) -> tuple[NDArray[np.float64], NDArray[np.bool_], tuple[str, ...]]:
@@ -80,7 +82,12 @@ def inject(
     Raises:
         InputError: a satellite that is never in view, or a window outside the series.
     """
-    errors = np.array(errors_m, dtype=float)
+    errors = require_numbers(errors_m, field="errors_m")
+    if errors.shape != require_geometry(g).sigma_m.shape or not g.is_series:
+        raise InputError(f"errors_m: a series and errors of its shape are needed, not {errors.shape}.")
+    for one in require_list(injections, field="injections", of="faults"):
+        if not isinstance(one, Injection):
+            raise InputError(f"injections: faults such as those of parse_injection are needed, not {shown(one)}.")
     faulted = np.zeros(len(g), dtype=bool)
     notes = []
     for one in injections:

@@ -3,10 +3,10 @@
 from __future__ import annotations
 
 import dataclasses
-from collections.abc import Hashable, Iterable, Mapping
+from collections.abc import Hashable, Mapping
 from typing import Any
 
-from pl_mc.input_errors import InputError, nearest, require_choice
+from pl_mc.input_errors import InputError, nearest, require_choice, require_list, shown
 
 
 def build_named(name: str, classes: Mapping[str, type], options: Mapping[str, Any], *, what: str) -> Any:
@@ -18,11 +18,17 @@ def build_named(name: str, classes: Mapping[str, type], options: Mapping[str, An
         options: their fields; lists, which experiment files have, become tuples, since records are hashable.
         what: what such a record is called, ``method`` or ``test``.
     """
+    head, bracket, _ = name.partition("(") if isinstance(name, str) else ("", "", "")
+    if bracket and head in classes:
+        raise InputError(
+            f"{what}: {shown(name)}: options do not stand in a name; in an experiment file they are fields beside "
+            f'name = "{head}", in Python {what}("{head}", ...).'
+        )
     cls = classes[require_choice(name, classes, field=what)]
     fields = [field.name for field in dataclasses.fields(cls)]
     for option in options:
         if option not in fields:
-            raise InputError(f"{what} {name}: the option {option!r} is unknown ({nearest(option, fields)}).")
+            raise InputError(f"{what} {name}: the option {shown(option)} is unknown ({nearest(option, fields)}).")
     return cls(**{key: tuple(value) if isinstance(value, list) else value for key, value in options.items()})
 
 
@@ -35,17 +41,19 @@ def as_records(items: Any, classes: Mapping[str, type], protocol: Any, *, what: 
         protocol: what every record has to be, a protocol or a union of them.
         what: what such a record is called.
     """
-    if isinstance(items, str) or not isinstance(items, Iterable):
-        given = "a word" if isinstance(items, str) else repr(items)
-        raise InputError(f"{what}s: a sequence of {what}s is needed, such as {tuple(classes)}, not {given}.")
-    made = tuple(build_named(item, classes, {}, what=what) if isinstance(item, str) else item for item in items)
+    # One may stand alone.
+    alone = isinstance(items, str | type | protocol)
+    given: list[Any] = [items] if alone else require_list(items, field=f"{what}s", of=f"{what}s")
+    made = tuple(build_named(item, classes, {}, what=what) if isinstance(item, str) else item for item in given)
     if not made:
         raise InputError(f"{what}s: at least one {what} is needed.")
     for item in made:
         # A compiled function is found again by its records, so they have to be hashable.
-        if isinstance(item, type) or not isinstance(item, protocol) or not isinstance(item, Hashable):
-            raise InputError(f"{what}s: {item!r} is no {what} (valid names: {', '.join(classes)}).")
-    names = [item.name for item in made]
+        if isinstance(item, type):
+            raise InputError(f"{what}s: {item.__name__} is a class and no {what}; {item.__name__}() makes one.")
+        if not isinstance(item, protocol) or not isinstance(item, Hashable):
+            raise InputError(f"{what}s: {shown(item)} is no {what} (valid names: {', '.join(classes)}).")
+    names = [str(item.name) for item in made]
     for name in names:
         if names.count(name) > 1:
             raise InputError(f"{what}s: {name} is asked for twice.")

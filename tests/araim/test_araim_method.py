@@ -226,7 +226,7 @@ def test_the_false_alert_rate_of_a_sweep():
     of = Araim(budget=loud)
     assert of.name == "araim(budget=loud)"
     g = appendix_d()
-    never = pl_mc.AlertLimits("never", vertical_m=1e9, horizontal_m=1e9)
+    never = pl_mc.AlertLimits("never", vertical_m=1e9, horizontal_m=40.0)
     with jax.numpy_dtype_promotion("standard"):
         table = pl_mc.sweep(g, pl_mc.no_fault(g), draws=20_000, seed=11, methods=(of,), alert=never, workers=1)
     alarms, draws = int(table["alarms"].iloc[0]), int(table["draws"].iloc[0])

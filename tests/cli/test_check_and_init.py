@@ -87,7 +87,7 @@ def test_every_error_is_named_at_once_with_its_line(tmp_path: Path, capsys: pyte
 @pytest.mark.parametrize(
     ("change", "field", "words"),
     [
-        (("satellite = \"G07\"", "satellite = \"G99\""), "faults", "G99"),
+        (("satellite = \"G07\"", "satellite = \"G99\""), "faults.satellite", "G99"),
         (("epochs = 4", "epochs = 4\nepoch = 9"), "geometry", "0 to 3"),
         (('kind = "sweep"', 'kind = "sweap"'), "kind", "nearest: sweep"),
         (('name = "igg3"', 'name = "igg3", scale = 3'), "methods.1", "scale"),

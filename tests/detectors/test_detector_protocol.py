@@ -80,12 +80,12 @@ def test_unknown_names_and_options_are_refused() -> None:
     for call, words in (
         (lambda: detector("chi"), "test: 'chi' is unknown .nearest: chi2"),
         (lambda: detector("chi2", readings="x"), "option 'readings' is unknown .nearest: reading"),
-        (lambda: as_detectors("chi2"), "not a word"),
+        (lambda: as_detectors("chi3"), "test: 'chi3' is unknown .nearest: chi2"),
         (lambda: as_detectors(()), "at least one test"),
         (lambda: as_detectors(("chi2", "chi2")), "asked for twice"),
         (lambda: as_detectors((3,)), "3 is no test"),
         (lambda: as_detectors(None), "tests: a sequence of tests is needed"),
-        (lambda: as_detectors((Chi2,)), "is no test"),
+        (lambda: as_detectors((Chi2,)), r"Chi2 is a class and no test; Chi2\(\) makes one"),
         (lambda: Chi2("posterior"), "chi2.reading"),
     ):
         with pytest.raises(InputError, match=words):

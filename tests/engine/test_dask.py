@@ -5,6 +5,8 @@ from __future__ import annotations
 import builtins
 import os
 import signal
+import subprocess
+import sys
 import threading
 import time
 from collections.abc import Iterator
@@ -99,6 +101,65 @@ def test_a_worker_that_dies_costs_time_alone(cluster, expected, tmp_path):
     assert 1 <= killed[0] < 24
     with Client(cluster) as client:
         assert victims[0] not in client.run(os.getpid).values()
+
+
+def test_when_all_workers_are_gone_it_ends(tmp_path, monkeypatch):
+    """Workers of a scheduler that starts none anew: a sentence within half a minute, and the parts are kept."""
+    monkeypatch.setattr(dask_adapter, "LONELY_S", 3.0)
+    worker = [sys.executable, "-m", "distributed.cli.dask_worker", "--no-nanny", "--nthreads", "1", "--no-dashboard"]
+    with (
+        LocalCluster(
+            n_workers=0, processes=False, protocol="tcp", dashboard_address="127.0.0.1:0", silence_logs=50
+        ) as empty,
+        Client(empty) as client,
+    ):
+        quiet = {"stdout": subprocess.DEVNULL, "stderr": subprocess.DEVNULL}
+        both = [subprocess.Popen([*worker, empty.scheduler_address], **quiet) for _ in range(2)]
+        client.wait_for_workers(2, timeout=60)
+        ended = []
+
+        def kill() -> None:
+            limit = time.monotonic() + 100
+            while time.monotonic() < limit and not list(tmp_path.glob("part-*.parquet")):
+                time.sleep(0.002)
+            for process in both:
+                process.kill()
+            ended.append(time.monotonic())
+
+        thread = threading.Thread(target=kill)
+        thread.start()
+        with cut(1), pytest.raises(InputError, match=r"all its workers are gone, .* is kept and can be resumed\."):
+            small.run(methods=METHODS, scheduler=empty.scheduler_address, folder=tmp_path)
+        thread.join()
+        assert time.monotonic() - ended[0] < 30
+        assert list(tmp_path.glob("part-*.parquet"))
+        for process in both:
+            process.wait()
+
+
+@pytest.mark.parametrize(
+    ("said", "words"),
+    [
+        (OSError("Timed out trying to connect"), "workers were lost while they were asked .*Timed out"),
+        (ModuleNotFoundError("No module named 'pl_mc'"), r"its workers need pl_mc \S+ installed .No module"),
+    ],
+)
+def test_what_workers_say_of_their_versions(said, words):
+    class Asked:
+        def run(self, function, on_error):
+            assert on_error == "return"
+            return {"tcp://one": said}
+
+    with pytest.raises(InputError, match=words):
+        dask_adapter._require_equal_workers(Asked(), identity.environment())
+
+
+def test_a_worker_that_is_lost_while_it_is_asked_counts_nothing():
+    class Asked:
+        def run(self, function, on_error):
+            return {"tcp://one": OSError("gone"), "tcp://two": identity.environment()}
+
+    dask_adapter._require_equal_workers(Asked(), identity.environment())
 
 
 def test_workers_of_another_environment_are_refused(cluster, monkeypatch):

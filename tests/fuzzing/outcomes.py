@@ -33,7 +33,7 @@ from pathlib import Path
 import numpy as np
 
 FINDINGS = ("silent", "exception", "sentence", "hang", "crash")
-LIMIT_S = 30.0
+LIMIT_S = 60.0
 
 # The mutation of a case that is a call with strange arguments instead of a file.
 STRANGE_ARGUMENTS = "strange arguments"

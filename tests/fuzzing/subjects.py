@@ -7,6 +7,7 @@ from __future__ import annotations
 
 import gzip
 import json
+import shutil
 import sys
 import warnings
 from collections.abc import Callable, Mapping
@@ -29,6 +30,7 @@ from sp3_files import START_GPS_S, constellation, sp3  # noqa: E402
 
 from pl_mc.experiments.checking import check_experiment  # noqa: E402
 from pl_mc.experiments.loading import load_experiment  # noqa: E402
+from pl_mc.experiments.reading import remake_page  # noqa: E402
 from pl_mc.geometry.almanac import almanac_slots  # noqa: E402
 from pl_mc.geometry.orbits import satellite_positions_m  # noqa: E402
 from pl_mc.geometry.sp3 import sp3_orbits  # noqa: E402
@@ -183,6 +185,19 @@ def _manifest(path: Path) -> Read:
     return Read({})
 
 
+def _page(name: str) -> Callable[[Path], Read]:
+    """The page of a run, one file of whose folder is damaged."""
+
+    def read(path: Path) -> Read:
+        folder = path.parent / "page"
+        shutil.copytree(ROOT / "results" / "ramp", folder, dirs_exist_ok=True)
+        shutil.copyfile(path, folder / name)
+        remake_page(folder)
+        return Read({})
+
+    return read
+
+
 def _toml(kind: str) -> bytes:
     """Small experiments that the check builds in no time."""
     geometry = '[geometry]\nsite = "CUT0"\nstart = "2017-11-21T00:00:00"\nepochs = 4\ninterval_s = 30.0\nepoch = 2\n'
@@ -249,5 +264,9 @@ def subjects() -> Mapping[str, Subject]:
         Subject("experiment, sweep", _toml("sweep"), _experiment, ".toml"),
         Subject("experiment, service", _toml("service"), _experiment, ".toml"),
         Subject("manifest", _manifest_text(), _manifest, ".json"),
+        *(
+            Subject(f"page, {name}", (ROOT / "results" / "ramp" / name).read_bytes(), _page(name))
+            for name in ("report.json", "manifest.json", "rates.csv")
+        ),
     )
     return {one.name: one for one in made}

@@ -176,7 +176,7 @@ def test_pooled_counting() -> None:
 def test_least_squares_kept_honest_by_scale() -> None:
     """The multiplier is a pure number: metres and limit scaled together leave it, and with it the alarms, alone."""
     one = calibrate(appendix_d(noise=3.0), event="misleading", target=1e-4).iloc[0]
-    limits = AlertLimits("test", vertical_m=70.0, horizontal_m=80.0)
+    limits = AlertLimits("test", vertical_m=70.0, horizontal_m=40.0)
     other = calibrate(appendix_d(noise=6.0), event="misleading", target=1e-4, alert=limits).iloc[0]
     assert other["k_vertical"] == pytest.approx(one["k_vertical"], rel=1e-9)
     assert other["alarm_rate_after"] == pytest.approx(one["alarm_rate_after"], rel=1e-9)

@@ -63,7 +63,7 @@ def test_bounds_are_given_from_ten_exposures_on(table: pd.DataFrame) -> None:
     [
         ({"interval_s": 0.7}, "whole intervals make a duration, but 10.0 s is 14.2857 times 0.7 s"),
         ({"tau_s": -1.0}, "tau_s: a correlation time of at least 0 s"),
-        ({"tau_s": "long"}, "tau_s: correlation times in seconds are needed"),
+        ({"tau_s": "long"}, "tau_s: it cannot be read as an array of numbers"),
         ({"noise": pl_mc.noise_models.GaussMarkov(3.0)}, "no rate per epoch changes"),
         ({"draws": 0}, "draws: a whole number of at least 1|draws: a whole number from 1"),
     ],

@@ -315,7 +315,7 @@ def rates():
     with jax.numpy_dtype_promotion("standard"):
         table = pl_mc.sweep(
             g, faults, draws=4000, seed=11, methods=methods, workers=1,
-            alert=pl_mc.AlertLimits("silent", horizontal_m=SILENT, vertical_m=SILENT),
+            alert=pl_mc.AlertLimits("silent", horizontal_m=40.0, vertical_m=SILENT),
         )  # fmt: skip
     return g, faults, [table[table["method"] == of.name] for of in methods]
 

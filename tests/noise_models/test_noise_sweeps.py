@@ -125,7 +125,7 @@ def test_the_limit_state_of_shaped_noise_is_that_of_the_sweep() -> None:
     ("noise", "limit"), [(StudentT(5.0), 150.0)], ids=lambda value: getattr(value, "name", str(value))
 )
 def test_rare_hazards_of_least_squares(noise: NoiseModel, limit: float) -> None:
-    alert = AlertLimits("far", vertical_m=limit, horizontal_m=limit)
+    alert = AlertLimits("far", vertical_m=limit, horizontal_m=40.0)
     exact = exact_hazard(noise, 0.0, limit)
     assert 1e-10 < exact < 3e-5
     row = risk(

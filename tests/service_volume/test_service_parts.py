@@ -25,7 +25,7 @@ from pl_mc.service.volume import service_volume
 pytestmark = pytest.mark.optimised
 
 STEP_S, EPOCHS, DRAWS, SEED = 5_400.0, 6, 8, 11
-NEAR = AlertLimits("near", vertical_m=5.0, horizontal_m=1e9)
+NEAR = AlertLimits("near", vertical_m=5.0, horizontal_m=7400.0)
 TABLES = ("sites", "world", "levels", "satellites", "by_epoch")
 OPTIONS = {
     "step_deg": 60.0, "step_s": STEP_S, "duration_s": EPOCHS * STEP_S, "methods": ("ls", "sbas"),

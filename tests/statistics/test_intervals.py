@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-from scipy import stats
+from scipy import special, stats
 
 from pl_mc.input_errors import InputError
 from pl_mc.statistics import binomial_p_value, clopper_pearson
@@ -107,11 +107,26 @@ def test_p_value_at_the_ends() -> None:
 @pytest.mark.parametrize(
     ("events", "draws", "message"),
     [(-1, 5, "events"), (6, 5, "more events"), (1.5, 5, "events"), (1, 2.5, "draws"), (np.nan, 5, "events"),
-     ("many", 5, "cannot be read"), ([1, 2], [3, 4, 5], "cannot be read")],
+     ("many", 5, "cannot be read"), ([1, 2], [3, 4, 5], "do not go together"),
+     (1, 1e17, "draws: a count is a whole number from 0"),
+     (True, 5, "cannot be read"), (1, "5", "cannot be read"), (1j, 5, "cannot be read")],
 )  # fmt: skip
 def test_counts_that_do_not_fit(events: object, draws: object, message: str) -> None:
     with pytest.raises(InputError, match=message):
         clopper_pearson(events, draws)  # type: ignore[arg-type]
+
+
+@pytest.mark.parametrize(("events", "draws"), [(1000, 200_573_750_402), (999, 10**11), (10**15, 2**53), (3, 2**53)])
+def test_bounds_of_huge_counts(events: int, draws: int) -> None:
+    """The library's inverse is NaN or off there, at 1000 of 2e11 by a factor of three; the tails say what is right."""
+    low, high = clopper_pearson(events, draws)
+    assert low < events / draws < high
+    assert special.betainc(events, draws - events + 1.0, low) == pytest.approx(0.025, rel=2e-6)
+    assert special.betaincc(events + 1.0, draws - events, high) == pytest.approx(0.025, rel=2e-6)
+    deviation = (events * (1 - events / draws)) ** 0.5 / draws
+    for bound, sign in ((low, -1), (high, 1)):
+        # As far as the normal approximation goes.
+        assert (bound - events / draws) / deviation == pytest.approx(1.96 * sign, abs=4.0 / events**0.5 + 1e-3)
 
 
 def test_levels_outside_their_range() -> None:

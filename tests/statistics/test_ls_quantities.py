@@ -80,7 +80,7 @@ def test_gain_finds_position_and_is_blind_to_the_clock(day: Geometry) -> None:
 def test_dependent_columns_are_unavailable(day: Geometry) -> None:
     """All satellites at one elevation: height and clock cannot be told apart."""
     azimuth = np.linspace(0, 2 * np.pi, 9)[:8]
-    line = np.column_stack([np.sin(azimuth), np.cos(azimuth), np.full(8, 0.5)])
+    line = np.column_stack([0.8 * np.sin(azimuth), 0.8 * np.cos(azimuth), np.full(8, 0.6)])
     g = Geometry.from_rows(
         design=np.hstack([-line, np.ones((8, 1))])[None],
         sigma_m=np.ones((1, 8)),

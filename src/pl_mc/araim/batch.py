@@ -10,10 +10,13 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from pl_mc.araim.budget import Budget
-from pl_mc.araim.modes import UNMONITORED
+from pl_mc.araim.modes import LEAST_PRIOR, UNMONITORED
 from pl_mc.arrays import FloatArray
-from pl_mc.geometry.record import POSITION_UNKNOWNS, SYSTEM_NAMES
-from pl_mc.input_errors import InputError, nearest, require_choice, require_number
+from pl_mc.geometry.record import POSITION_UNKNOWNS, SYSTEM_NAMES, as_mask
+from pl_mc.input_errors import InputError, nearest, require_choice, require_number, require_numbers, shown
+
+# What lies beyond these is a slip of the unit, and cannot be computed with.
+_LEAST_M2, _MOST_M2, _MOST_M = 1e-18, 1e18, 1e9
 
 
 @dataclass(frozen=True)
@@ -50,7 +53,7 @@ def as_batch(
     if not isinstance(budget, Budget):
         raise InputError(f"budget: a budget such as pl_mc.araim.LPV_200 is needed, not {type(budget).__name__}.")
     require_choice(unmonitored, UNMONITORED, field="unmonitored")
-    rows = _numbers("design", design)
+    rows = require_numbers(design, field="design")
     single = rows.ndim == 2
     rows = rows[None] if single else rows
     if rows.ndim != 3 or rows.shape[2] <= POSITION_UNKNOWNS or 0 in rows.shape:
@@ -59,32 +62,30 @@ def as_batch(
             f"not {np.shape(design)}."
         )
     g, n, _ = rows.shape
-    seen = np.ones((g, n), bool) if in_view is None else _spread("in_view", np.asarray(in_view, bool), g, n)
-    if not np.isfinite(rows[seen]).all():
-        raise InputError("design: the rows of satellites in view are finite numbers.")
+    seen = np.ones((g, n), bool) if in_view is None else _spread("in_view", as_mask(in_view), g, n)
+    if not (np.abs(rows[seen]) <= _MOST_M).all():
+        raise InputError(f"design: the rows of satellites in view are finite numbers, up to {_MOST_M:g}.")
     letters = _letters(systems, seen)
     variances = []
     for field, value in (("c_int", c_int), ("c_acc", c_acc)):
-        given = _spread(field, _diagonal(field, _numbers(field, value), single, n), g, n)
-        if not ((given > 0) & np.isfinite(given))[seen].all():
-            raise InputError(f"{field}: a variance is finite and positive for every satellite in view.")
+        given = _spread(field, _diagonal(field, require_numbers(value, field=field), single, n), g, n)
+        if not ((given >= _LEAST_M2) & (given <= _MOST_M2))[seen].all():
+            raise InputError(
+                f"{field}: a variance is finite and positive, {_LEAST_M2:g} to {_MOST_M2:g} m^2, for every satellite "
+                "in view."
+            )
         variances.append(np.where(seen, given, 1.0))
-    bias = _spread("b_nom", _numbers("b_nom", b_nom), g, n)
-    if not ((bias >= 0) & np.isfinite(bias))[seen].all():
-        raise InputError("b_nom: a nominal bias is the largest size of an error, finite and not negative.")
-    p = _spread("p_sat", _numbers("p_sat", p_sat), g, n)
-    if not ((p >= 0) & (p < 1))[seen].all():
-        raise InputError("p_sat: a prior probability lies between 0 and 1, 1 excluded.")
+    bias = _spread("b_nom", require_numbers(b_nom, field="b_nom"), g, n)
+    if not ((bias >= 0) & (bias <= _MOST_M))[seen].all():
+        raise InputError(f"b_nom: a nominal bias is the largest size of an error, not negative, up to {_MOST_M:g} m.")
+    p = _spread("p_sat", require_numbers(p_sat, field="p_sat"), g, n)
+    if not ((p == 0) | ((p >= LEAST_PRIOR) & (p < 1)))[seen].all():
+        raise InputError(
+            f"p_sat: a prior probability lies between 0 and 1, 1 excluded, and is 0 or at least {LEAST_PRIOR:g}."
+        )
     rows, bias, p = np.where(seen[..., None], rows, 0.0), np.where(seen, bias, 0.0), np.where(seen, p, 0.0)
     c_int, c_acc = variances
     return Batch(rows, seen, c_int, c_acc, bias, p, letters, _constellations(p_const, letters), single)
-
-
-def _numbers(field: str, value: ArrayLike) -> FloatArray:
-    try:
-        return np.asarray(value, dtype=float)
-    except (TypeError, ValueError) as error:
-        raise InputError(f"{field}: it cannot be read as an array of numbers ({error}).") from None
 
 
 def _spread(field: str, value: NDArray[Any], g: int, n: int) -> NDArray[Any]:
@@ -126,7 +127,7 @@ def _letters(systems: Any, seen: NDArray[np.bool_]) -> NDArray[np.str_]:
 def _constellations(p_const: Any, letters: NDArray[np.str_]) -> dict[str, float]:
     if not isinstance(p_const, Mapping):
         raise InputError(
-            f"p_const: a mapping from letter to probability is needed, such as {{'G': 1e-8}}, not {p_const!r}."
+            f"p_const: a mapping from letter to probability is needed, such as {{'G': 1e-8}}, not {shown(p_const)}."
         )
     found = {}
     for letter in sorted(set(letters.ravel().tolist()) - {""}):

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
-from pl_mc.input_errors import InputError, require_positive
+from pl_mc.input_errors import InputError, require_positive, shown
 
 
 @dataclass(frozen=True)
@@ -31,7 +31,7 @@ class Budget:
         for field in list(self.__dataclass_fields__)[1:]:
             value = require_positive(getattr(self, field), field=f"budget.{field}")
             if value >= 1.0:
-                raise InputError(f"budget.{field}: a probability below 1 is needed, not {value!r}.")
+                raise InputError(f"budget.{field}: a probability below 1 is needed, not {shown(value)}.")
 
     def __str__(self) -> str:
         """The name, as it stands in the name of a method."""

@@ -18,7 +18,7 @@ from pl_mc.araim.batch import Batch, as_batch
 from pl_mc.araim.budget import LPV_200, Budget
 from pl_mc.araim.modes import CONTAINED, FaultModes, fault_modes
 from pl_mc.araim.solving import Levels, fit_subsets, solve_levels
-from pl_mc.arrays import FloatArray
+from pl_mc.arrays import FloatArray, ordinary_arithmetic
 from pl_mc.geometry.record import EAST, NORTH, POSITION_UNKNOWNS, UP
 from pl_mc.runtime.precision import precision_scope
 from pl_mc.runtime.threads import cores, in_order
@@ -64,6 +64,7 @@ class AraimLevels:
     threshold_m: FloatArray
 
 
+@ordinary_arithmetic
 def protection_levels(
     design: ArrayLike,
     c_int: ArrayLike,

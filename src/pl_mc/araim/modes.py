@@ -13,17 +13,30 @@ from __future__ import annotations
 
 import itertools
 import math
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
 
 from pl_mc.araim.budget import Budget
-from pl_mc.input_errors import InputError
+from pl_mc.arrays import ordinary_arithmetic
+from pl_mc.geometry.record import as_mask
+from pl_mc.input_errors import (
+    InputError,
+    require_choice,
+    require_list,
+    require_number,
+    require_numbers,
+    require_true,
+    shown,
+)
 
 PLAIN, CONTAINED = "plain", "contained"
 UNMONITORED = (PLAIN, CONTAINED)
+
+# Smaller priors than this are none; their combinations would be below the smallest double.
+LEAST_PRIOR = 1e-100
 
 # The longest list of combinations of one size: three events of forty.
 LARGEST_LIST = 10_000
@@ -59,6 +72,7 @@ def lone_satellites(clocks: NDArray[np.bool_]) -> NDArray[np.bool_]:
     return np.asarray((clocks & (clocks.sum(axis=0) == 1)).any(axis=1))
 
 
+@ordinary_arithmetic
 def fault_modes(
     systems: Sequence[str],
     clocks: NDArray[np.bool_],
@@ -78,7 +92,22 @@ def fault_modes(
         unmonitored: ``plain``, every combination for itself; ``contained``, a combination whose satellites all
             belong to a monitored mode is protected by it and adds to its prior, shared where there are several.
     """
-    single, odds, p_no_fault = _events(systems, clocks, p_sat, p_const)
+    require_choice(unmonitored, UNMONITORED, field="unmonitored")
+    if not isinstance(budget, Budget):
+        raise InputError(f"budget: a budget such as pl_mc.araim.LPV_200 is needed, not {shown(budget)}.")
+    systems = require_list(systems, field="systems", of="letters")
+    given, clocks = require_numbers(p_sat, field="p_sat"), as_mask(clocks)
+    if not all(isinstance(one, str) for one in systems) or given.shape != (len(systems),):
+        raise InputError(f"systems, p_sat: a letter and a number for each row are needed, not {shown(systems)}.")
+    if clocks.ndim != 2 or len(clocks) != len(systems):
+        raise InputError(f"clocks: the shape ({len(systems)}, clocks) is needed, not {clocks.shape}.")
+    if not isinstance(p_const, Mapping) or not {*systems} - {""} <= {*p_const}:
+        raise InputError(f"p_const: a prior of each letter of systems is needed, not {shown(p_const)}.")
+    priors = {letter: require_number(p_const[letter], field="p_const") for letter in {*systems} - {""}}
+    p = np.array([*given, *priors.values()])
+    rule = f"a prior probability lies between 0 and 1, 1 excluded, and is 0 or at least {LEAST_PRIOR:g}"
+    require_true((p == 0) | ((p >= LEAST_PRIOR) & (p < 1)), field="p_sat, p_const", rule=rule, of=p)
+    single, odds, p_no_fault = _events(systems, clocks, given, priors)
     in_view = np.array([letter != "" for letter in systems], dtype=bool)
     limit = budget.p_threshold
     sets, prior, order_of = single[:0], odds[:0], np.zeros(0, dtype=np.intp)

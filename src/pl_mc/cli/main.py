@@ -54,6 +54,8 @@ def main(arguments: Sequence[str] | None = None) -> None:
     """Entry point: bad input becomes one sentence and exit code 2; without arguments those of the process are taken."""
     with stoppable() as stops:
         try:
+            if any("\0" in argument for argument in (arguments or ())):
+                raise InputError("an argument holds the character NUL, which no name of a file can.")
             code = app(arguments, exit_on_error=False, print_error=False, result_action="return_value")
         except (InputError, cyclopts.CycloptsError) as error:
             text = " ".join(str(error).split()) if isinstance(error, cyclopts.CycloptsError) else str(error)

@@ -11,8 +11,12 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 from cyclopts import Parameter
 
+from pl_mc.input_errors import InputError, shown
+
 if TYPE_CHECKING:
     from pl_mc.experiments.running import RunResult
+
+_LONGEST_NUMBER = 40
 
 Json = Annotated[bool, Parameter(negative="")]
 Quiet = Annotated[bool, Parameter(negative="", alias="-q")]
@@ -25,8 +29,28 @@ Which = Annotated[
         help="A name that `pl-mc list` shows, the path of a TOML file, or the `manifest.json` of an earlier run."
     ),
 ]
-Draws = Annotated[int | None, Parameter(help="Noise draws for each fault and epoch, instead of the experiment's.")]
-Seed = Annotated[int | None, Parameter(help="Seed of the noise, instead of the experiment's.")]
+
+
+def _whole(kind: object, tokens: Any) -> int:
+    """A whole number as Python writes it, 10000 or 1e4."""
+    text = tokens[0].value
+    try:
+        if text.isascii() and len(text) <= _LONGEST_NUMBER and "_" not in text:
+            number = int(text) if text.lstrip("+-").isdigit() else float(text)
+            if number == int(number):
+                return int(number)
+    except (ValueError, OverflowError):
+        pass
+    raise InputError(f"{shown(text)} is no whole number.")
+
+
+def _whole_number(about: str) -> Any:
+    return Parameter(help=about, converter=_whole)
+
+
+Draws = Annotated[int | None, _whole_number("Noise draws for each fault and epoch, instead of the experiment's.")]
+Seed = Annotated[int | None, _whole_number("Seed of the noise, instead of the experiment's.")]
+Count = Annotated[int | None, Parameter(converter=_whole)]
 
 
 @Parameter(name="*")

@@ -5,8 +5,8 @@ from __future__ import annotations
 from pathlib import Path
 from typing import Annotated, Any
 
-from pl_mc.cli.printing import Draws, Flag, Json, Output, Progress, Seed, Several, Which, overrides
-from pl_mc.input_errors import InputError
+from pl_mc.cli.printing import Count, Draws, Flag, Json, Output, Progress, Seed, Several, Which, overrides
+from pl_mc.input_errors import InputError, shown
 
 _DEFAULT = Output()
 
@@ -21,8 +21,8 @@ def run(
     resume: Flag = False,
     fresh: Flag = False,
     shard: str | None = None,
-    workers: int | None = None,
-    devices: int | None = None,
+    workers: Count = None,
+    devices: Count = None,
     scheduler: str | None = None,
     output: Output = _DEFAULT,
 ) -> None:
@@ -205,6 +205,7 @@ def bench(
 
 def _share(text: str) -> tuple[int, int]:
     index, slash, count = text.partition("/")
-    if not (slash and index.strip().isdigit() and count.strip().isdigit()):
-        raise InputError(f"shard: i/n is needed, such as 2/8, not {text!r}.")
+    # Other alphabets have digits of their own, and a number of 5,000 digits is none.
+    if not (slash and text.isascii() and len(text) < 40 and index.strip().isdigit() and count.strip().isdigit()):
+        raise InputError(f"shard: i/n is needed, such as 2/8, not {shown(text)}.")
     return int(index), int(count)

@@ -16,7 +16,7 @@ from jax import Array
 from scipy import stats
 
 from pl_mc.detectors.base import SYSTEM_LETTERS, Verdict, View, by_count, nothing_redundant, suspected
-from pl_mc.input_errors import InputError, require_choice
+from pl_mc.input_errors import InputError, require_choice, shown
 from pl_mc.kernels import LeastSquaresSolution, LinearModel
 
 APRIORI, DIVIDED = "apriori", "divided"
@@ -90,7 +90,8 @@ class Chi2:
 def require_systems(owner: str, systems: Any) -> None:
     """Raise `InputError` unless these are two different systems."""
     if not isinstance(systems, tuple) or len(systems) != 2 or systems[0] == systems[1]:
-        raise InputError(f"{owner}.systems: two different systems are needed, such as ('G', 'C'), not {systems!r}.")
+        given = shown(systems)
+        raise InputError(f"{owner}.systems: two different systems are needed, such as ('G', 'C'), not {given}.")
     for letter in systems:
         require_choice(letter, SYSTEM_LETTERS, field=f"{owner}.systems")
 

@@ -29,10 +29,11 @@ from jax import Array
 from numpy.typing import NDArray
 from scipy import stats
 
+from pl_mc.arrays import ordinary_arithmetic
 from pl_mc.detectors.base import SYSTEM_LETTERS, Verdict, View, by_count, hat_matrix, largest, nothing_redundant
 from pl_mc.detectors.chi2 import SYSTEMS, VARIANCES_M2, require_systems, require_variances, variances_text
 from pl_mc.geometry.record import POSITION_UNKNOWNS, SYSTEM_NAMES
-from pl_mc.input_errors import InputError, require_choice
+from pl_mc.input_errors import InputError, require_choice, require_one_shape, require_true
 from pl_mc.kernels import LeastSquaresSolution, LinearModel
 from pl_mc.kernels.linear_model import product, redundancy_floor
 
@@ -209,6 +210,7 @@ class MeanCheck:
         return np.where(valid, stats.t.isf(tail, dof), np.inf)
 
 
+@ordinary_arithmetic
 def satterthwaite(
     variance_1: float, variance_2: float, count_1: NDArray | int, count_2: NDArray | int
 ) -> NDArray[np.float64]:
@@ -218,6 +220,14 @@ def satterthwaite(
         variance_1, variance_2: variances of single values.
         count_1, count_2: (...), numbers of values, at least 2.
     """
-    first, second = np.asarray(variance_1 / np.asarray(count_1)), np.asarray(variance_2 / np.asarray(count_2))
-    spread = first**2 / (np.asarray(count_1) - 1) + second**2 / (np.asarray(count_2) - 1)
+    one, other, n_1, n_2 = require_one_shape(
+        variance_1=variance_1, variance_2=variance_2, count_1=count_1, count_2=count_2
+    )
+    for field, value in (("variance_1", one), ("variance_2", other)):
+        rule = "a variance from 1e-100 to 1e100 is needed"
+        require_true((value >= 1e-100) & (value <= 1e100), field=field, rule=rule, of=value)
+    for field, value in (("count_1", n_1), ("count_2", n_2)):
+        require_true((value >= 2) & (value <= 2**53), field=field, rule="at least 2 values are needed", of=value)
+    first, second = one / n_1, other / n_2
+    spread = first**2 / (n_1 - 1) + second**2 / (n_2 - 1)
     return np.asarray((first + second) ** 2 / spread)

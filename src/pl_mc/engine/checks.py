@@ -5,11 +5,11 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from pl_mc.alert import AlertLimits
+from pl_mc.alert import AlertLimits, as_alert
 from pl_mc.engine.noise import LANES
-from pl_mc.faults import Faults
-from pl_mc.geometry.record import Geometry
-from pl_mc.input_errors import InputError
+from pl_mc.faults import Faults, require_faults
+from pl_mc.geometry.record import Geometry, require_geometry
+from pl_mc.input_errors import InputError, require_numbers
 
 LARGEST_SEED = 2**32 - 1
 
@@ -17,17 +17,16 @@ LARGEST_SEED = 2**32 - 1
 LARGEST_DRAWS = LANES * 2**30
 
 
-def require_geometry_and_alert(g: Geometry, alert: AlertLimits) -> None:
-    """Raise `InputError` unless these are records of the right kinds and a single epoch can be solved."""
-    if not isinstance(g, Geometry):
-        raise InputError(f"geometry: a pl_mc Geometry is needed, not {type(g).__name__}.")
-    if not isinstance(alert, AlertLimits):
-        raise InputError(f"alert: alert limits such as pl_mc.LPV_200 are needed, not {type(alert).__name__}.")
+def require_geometry_and_alert(g: Geometry, alert: str | AlertLimits) -> AlertLimits:
+    """The alert limits; an `InputError` unless these are of the right kinds and a single epoch can be solved."""
+    require_geometry(g)
+    limits = as_alert(alert)
     if not g.is_series and g.satellite_count < g.unknown_count:
         raise InputError(
             f"geometry: {g.satellite_count} satellites cannot determine {g.unknown_count} unknowns; at least "
             f"{g.unknown_count} are needed (in a series of epochs such an epoch counts as unavailable)."
         )
+    return limits
 
 
 def require_single(g: Geometry, what: str) -> None:
@@ -36,14 +35,11 @@ def require_single(g: Geometry, what: str) -> None:
         raise InputError(f"geometry: {what} is made for one epoch; choose one of the {len(g)}, such as g[0].")
 
 
-def require_inputs(g: Geometry, faults: Faults, alert: AlertLimits) -> None:
-    """Raise `InputError` unless these are records of the right kinds that belong together."""
-    require_geometry_and_alert(g, alert)
-    if not isinstance(faults, Faults):
-        raise InputError(
-            f"faults: use ramp, biases or no_fault to make faults; {type(faults).__name__} is none of them."
-        )
-    faults.require_geometry(g)
+def require_inputs(g: Geometry, faults: Faults, alert: str | AlertLimits) -> AlertLimits:
+    """The alert limits; an `InputError` unless all are of the right kinds and belong together."""
+    limits = require_geometry_and_alert(g, alert)
+    require_faults(faults).require_geometry(g)
+    return limits
 
 
 def require_errors(g: Geometry, errors_m: ArrayLike) -> NDArray[np.float64]:
@@ -52,10 +48,7 @@ def require_errors(g: Geometry, errors_m: ArrayLike) -> NDArray[np.float64]:
     Raises:
         InputError: numbers of another shape than ``g.sigma_m``, or not finite for a satellite in view.
     """
-    try:
-        errors = np.asarray(errors_m, dtype=float)
-    except (TypeError, ValueError) as error:
-        raise InputError(f"errors_m: it cannot be read as an array of numbers ({error}).") from None
+    errors = require_numbers(errors_m, field="errors_m")
     if errors.shape != g.sigma_m.shape:
         raise InputError(f"errors_m: the shape {g.sigma_m.shape} is needed, not {errors.shape}.")
     if not np.isfinite(errors[g.in_view]).all():

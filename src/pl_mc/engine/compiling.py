@@ -17,6 +17,8 @@ from jax.sharding import Mesh, PartitionSpec
 from pl_mc.engine.core import EpochBatch, count_events
 from pl_mc.engine.noise import LANES
 from pl_mc.input_errors import InputError, require_whole
+from pl_mc.runtime.forks import require_own_threads
+from pl_mc.runtime.precision import precision_scope
 
 # Bytes of one row of the scenarios that a processor takes at a time: 256 in double precision, 512 in single. Larger
 # tiles leave its caches, smaller ones drown in the cost of calls (measured; half or double lose 5 to 30 %).
@@ -45,6 +47,7 @@ def compiler_options() -> dict[str, int | str]:
     in as many threads as there are cores, so that splitting single operations over threads, which the compiler does
     where it finds them heavy, costs their waiting for each other and gains nothing: 10 to 20 %.
     """
+    require_own_threads()
     if jax.default_backend() != "cpu":
         return {}
     wanted: dict[str, int | str] = {"xla_disable_hlo_passes": "cpu-parallel-task-assigner"}
@@ -55,7 +58,9 @@ def compiler_options() -> dict[str, int | str]:
 
 def _known(option: str, value: int | str) -> bool:
     try:
-        jax.jit(lambda x: x, compiler_options={option: value})(np.float32(0)).block_until_ready()
+        # Without the settings of a user, such as one that compiles nothing.
+        with precision_scope("float32"):
+            jax.jit(lambda x: x, compiler_options={option: value})(np.float32(0)).block_until_ready()
     except Exception:  # Another version of the compiler may not know the option; it names no type for that.
         return False
     return True

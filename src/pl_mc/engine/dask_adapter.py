@@ -9,6 +9,7 @@ from __future__ import annotations
 import contextlib
 import itertools
 import pickle
+import time
 from collections.abc import Callable, Generator, Iterator, Mapping, Sequence
 from typing import Any
 from urllib.parse import urlsplit
@@ -16,7 +17,7 @@ from urllib.parse import urlsplit
 from pl_mc.engine.compiling import require_devices
 from pl_mc.engine.part_task import environment
 from pl_mc.engine.task import Engine, PartCounts, SweepTask
-from pl_mc.input_errors import InputError
+from pl_mc.input_errors import InputError, shown
 from pl_mc.runtime.threads import cores
 
 # How often a part is given out again, after the workers that had it died.
@@ -27,6 +28,12 @@ AHEAD = 2
 
 # How long to wait for a scheduler that does not answer.
 PATIENCE = "10s"
+
+# How long a scheduler may be without workers, which it may start anew, and how often that is looked at.
+LONELY_S, LOOK_S = 15.0, 1.0
+
+# How long to wait for a part that is finished, which is a table of counts, before workers are looked for.
+FETCH_S = 5.0
 
 
 def dask_engine(scheduler: str, *, workers: int | None, devices: int | None) -> Engine:
@@ -62,8 +69,9 @@ def dask_engine(scheduler: str, *, workers: int | None, devices: int | None) -> 
             waiting = iter(numbers)
             window = AHEAD * max(1, len(client.scheduler_info(n_workers=-1)["workers"]))
             finished = as_completed([submit(number) for number in itertools.islice(waiting, window)])
-            for future in finished:
-                part = _result(future)
+            watch = _Watch(client)
+            for future in watch.each(finished):
+                part = _result(future, watch)
                 for number in itertools.islice(waiting, 1):
                     finished.add(submit(number))
                 for _ in task.plan.chunks(part.number):
@@ -83,9 +91,49 @@ def _count_part(
     return next(iter(parts))
 
 
-def _result(future: Any) -> PartCounts:
+class _Watch:
+    """The time for which a scheduler has had no workers, who could do or hand over what is waited for."""
+
+    def __init__(self, client: Any) -> None:
+        self.client = client
+        self.deserted = time.monotonic()
+
+    def look(self) -> None:
+        """Raise `InputError` where that is too long."""
+        if _workers(self.client):
+            self.deserted = time.monotonic()
+        elif time.monotonic() - self.deserted > LONELY_S:
+            raise InputError(
+                f"scheduler: all its workers are gone, for {LONELY_S:g} s; what was finished before is kept and can be "
+                "resumed."
+            )
+
+    def each(self, finished: Any) -> Iterator[Any]:
+        """The futures as they are done."""
+        while finished.count():
+            if finished.has_ready():
+                yield next(finished)
+                continue
+            self.look()
+            with finished.thread_condition:
+                finished.thread_condition.wait(timeout=LOOK_S)
+
+
+def _workers(client: Any) -> int:
     try:
-        return future.result()
+        return len(client.scheduler_info(n_workers=-1)["workers"])
+    except Exception:  # A scheduler that does not answer has none; the types differ with what is wrong.
+        return 0
+
+
+def _result(future: Any, watch: _Watch) -> PartCounts:
+    try:
+        while True:
+            try:
+                return future.result(timeout=FETCH_S)
+            except TimeoutError:
+                # Its worker may have died since; then another one counts it again, if there is any.
+                watch.look()
     except InputError:
         raise
     except Exception as error:
@@ -101,7 +149,7 @@ def _result(future: Any) -> PartCounts:
 def _client(scheduler: str, *, threads: int | None) -> Iterator[Any]:
     local = scheduler == "local" or scheduler.startswith("local:")
     if not local and not _is_address(scheduler):
-        raise InputError(f"scheduler: an address such as tcp://host:8786, or local, is needed, not {scheduler!r}.")
+        raise InputError(f"scheduler: an address such as tcp://host:8786, or local, is needed, not {shown(scheduler)}.")
     count = _local_workers(scheduler, threads or 1) if local else 0
     try:
         import dask
@@ -150,22 +198,32 @@ def _local_workers(scheduler: str, threads: int) -> int:
     _, colon, given = scheduler.partition(":")
     if not colon:
         return max(1, cores() // threads)
-    if not given.isdigit() or int(given) < 1:
-        raise InputError(f"scheduler: local:N needs a number of processes, such as local:4, not {scheduler!r}.")
+    if not (given.isascii() and given.isdigit() and len(given) < 10) or int(given) < 1:
+        raise InputError(f"scheduler: local:N needs a number of processes, such as local:4, not {shown(scheduler)}.")
     return int(given)
 
 
 def _require_equal_workers(client: Any, here: Mapping[str, Any]) -> None:
     """Raise `InputError` unless there are workers, and each would give the numbers of this process."""
-    try:
-        found = client.run(environment)
-    except Exception as error:  # Whatever a worker says that cannot run this at all.
-        reason = " ".join(str(error).split())[:100] or type(error).__name__
-        raise InputError(f"scheduler: its workers need pl_mc {here['pl_mc']} installed ({reason}).") from None
+    found = client.run(environment, on_error="return")
     if not found:
         raise InputError("scheduler: it has no workers; start some with dask worker.")
+    # One that is lost while it is asked (a connection ends, which is an `OSError` or one of Dask's) counts nothing.
+    lost = {name: said for name, said in found.items() if isinstance(said, OSError | TimeoutError | KeyError)}
+    if len(lost) == len(found):
+        raise InputError(f"scheduler: its workers were lost while they were asked for their versions ({_why(lost)}).")
     for worker, there in found.items():
+        if worker in lost:
+            continue
+        if isinstance(there, Exception):  # Whatever a worker says that cannot run this at all.
+            reason = _why({worker: there})
+            raise InputError(f"scheduler: its workers need pl_mc {here['pl_mc']} installed ({reason}).")
         _require_equal(f"worker {worker}", there, here)
+
+
+def _why(errors: Mapping[str, Exception]) -> str:
+    error = next(iter(errors.values()))
+    return " ".join(str(error).split())[:100].rstrip(".") or type(error).__name__
 
 
 def _require_equal(worker: str, there: Mapping[str, Any], here: Mapping[str, Any]) -> None:

@@ -13,6 +13,7 @@ import pandas as pd
 from numpy.typing import NDArray
 
 from pl_mc.alert import LPV_200
+from pl_mc.arrays import ordinary_arithmetic
 from pl_mc.detectors.base import Detector
 from pl_mc.engine.checks import notes_on_faults, require_errors, require_geometry_and_alert, require_inputs
 from pl_mc.engine.detect_core import MethodTest
@@ -34,6 +35,7 @@ from pl_mc.methods import Method
 from pl_mc.statistics.intervals import clopper_pearson
 
 
+@ordinary_arithmetic
 def detect(
     g: Geometry,
     faults: Faults,
@@ -126,6 +128,7 @@ def detect(
     return table
 
 
+@ordinary_arithmetic
 def examine(
     g: Geometry,
     errors_m: NDArray[np.float64],

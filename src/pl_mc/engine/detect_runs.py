@@ -132,7 +132,7 @@ def calibrate(
     if rank < 1:
         raise InputError(
             f"calibration_draws: {draws} draws cannot place a threshold of P_FA {options.p_fa:g}; at least "
-            f"{math.ceil(1 / options.p_fa) - 1} are needed."
+            f"{1 / options.p_fa - 1:.9g} are needed."
         )
     tests = len(options.tests)
     cut = _cut(len(series), draws, most=_STATISTICS_PER_CALL // (tests * LANES), noise_from=_CALIBRATION_BLOCK)

@@ -11,7 +11,7 @@ from pl_mc.engine.checkpoint_store import BadPart, CheckpointStore
 from pl_mc.engine.compiling import require_devices
 from pl_mc.engine.part_task import P, Task
 from pl_mc.engine.task import Engine, PartCounts, SweepTask
-from pl_mc.input_errors import InputError, require_whole
+from pl_mc.input_errors import InputError, require_list, require_path, require_truth, require_whole, shown
 from pl_mc.runtime.progress import progress_bar
 from pl_mc.runtime.threads import cores
 
@@ -44,10 +44,25 @@ class Execution:
     said: list[str] = field(default_factory=list, compare=False)
 
     def __post_init__(self) -> None:
+        for name in ("resume", "stored_only"):
+            require_truth(getattr(self, name), field=name)
+        if self.progress is not None:
+            require_truth(self.progress, field="progress")
+        if self.scheduler is not None and not isinstance(self.scheduler, str):
+            raise InputError(
+                f"scheduler: an address such as tcp://host:8786, or local, is needed, not {shown(self.scheduler)}."
+            )
+        if self.folder is not None:
+            require_path(self.folder, field="folder")
+        if self.devices is not None:
+            require_whole(self.devices, field="devices", low=1)
         if self.workers is not None:
             require_whole(self.workers, field="workers", low=1)
         if self.shard is not None:
-            index, count = self.shard
+            given = require_list(self.shard, field="shard", of="two numbers, which shard of how many,")
+            if len(given) != 2:
+                raise InputError(f"shard: two numbers are needed, which shard of how many, not {shown(self.shard)}.")
+            index, count = given
             require_whole(count, field="shard: the number of shards", low=1)
             require_whole(index, field="shard: the shard", low=1, high=count)
 

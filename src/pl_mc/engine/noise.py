@@ -20,7 +20,9 @@ LANES = 256
 
 def epoch_key(seed: Array, epoch: Array) -> Array:
     """The key of one epoch's noise."""
-    return jax.random.fold_in(jax.random.key(seed, impl="threefry2x32"), epoch)
+    # As `jax.random.key` makes it of a seed of 32 bits, but for the offset that a user may have set for all seeds.
+    words = jnp.stack([jnp.zeros((), jnp.uint32), jnp.asarray(seed, jnp.uint32)])
+    return jax.random.fold_in(jax.random.wrap_key_data(words, impl="threefry2x32"), epoch)
 
 
 def live_lanes(block: Array, full_blocks: Array, remainder: Array) -> Array:

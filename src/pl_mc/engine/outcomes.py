@@ -14,6 +14,7 @@ from jax import Array
 from numpy.typing import NDArray
 
 from pl_mc.alert import LPV_200, AlertLimits
+from pl_mc.arrays import ordinary_arithmetic
 from pl_mc.engine.calls import Chunk, run_calls
 from pl_mc.engine.checks import LARGEST_DRAWS, LARGEST_SEED, require_errors, require_geometry_and_alert, require_inputs
 from pl_mc.engine.core import block_outcomes
@@ -33,6 +34,7 @@ OUTCOME_COLUMNS = ("east_m", "north_m", "up_m", "hpl_m", "vpl_m", "available", "
 _block_outcomes = jax.jit(block_outcomes, static_argnames=("methods", "noise_model"))
 
 
+@ordinary_arithmetic
 def sample(
     g: Geometry,
     faults: Faults,
@@ -40,7 +42,7 @@ def sample(
     draws: int,
     seed: int,
     methods: Sequence[str | Method] = ("ls", "igg3"),
-    alert: AlertLimits = LPV_200,
+    alert: str | AlertLimits = LPV_200,
     precision: str = "float64",
     noise: str | NoiseModel = GAUSSIAN,
 ) -> pd.DataFrame:
@@ -53,7 +55,7 @@ def sample(
         One row per epoch, fault, method and draw: ``epoch, fault, bias_m, method, draw, east_m, north_m, up_m,
         hpl_m, vpl_m, available, alarm``. Numbers are missing where a method is not available.
     """
-    require_inputs(g, faults, alert)
+    alert = require_inputs(g, faults, alert)
     draws = require_whole(draws, field="draws", low=1, high=LARGEST_DRAWS)
     seed = require_whole(seed, field="seed", low=0, high=LARGEST_SEED)
     chosen, shaped = as_methods(methods), as_noise_model(noise, g)
@@ -84,12 +86,13 @@ def sample(
     return pd.concat(parts, ignore_index=True)
 
 
+@ordinary_arithmetic
 def solve(
     g: Geometry,
     errors_m: NDArray[np.float64],
     *,
     methods: Sequence[str | Method] = ("ls", "igg3"),
-    alert: AlertLimits = LPV_200,
+    alert: str | AlertLimits = LPV_200,
     precision: str = "float64",
 ) -> pd.DataFrame:
     """What each method says of given pseudorange errors, epoch by epoch, such as those of a real receiver.
@@ -104,7 +107,7 @@ def solve(
         One row per epoch and method: ``epoch, time_gps_s, method, satellites, east_m, north_m, up_m, hpl_m, vpl_m,
         available, alarm``. Numbers are missing where a method is not available.
     """
-    require_geometry_and_alert(g, alert)
+    alert = require_geometry_and_alert(g, alert)
     series, errors = g.as_series(), require_errors(g, errors_m)
     chosen = as_methods(methods)
     dtype = dtype_of(precision)

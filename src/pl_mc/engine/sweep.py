@@ -8,14 +8,15 @@ from pathlib import Path
 
 import pandas as pd
 
-from pl_mc.alert import LPV_200, AlertLimits
+from pl_mc.alert import LPV_200, AlertLimits, horizontal_note
+from pl_mc.arrays import ordinary_arithmetic
 from pl_mc.engine.checks import LARGEST_DRAWS, LARGEST_SEED, notes_on_faults, require_inputs
 from pl_mc.engine.execution import Execution, run_task, sweep_engine
 from pl_mc.engine.table import EpochTotals, FaultTotals, epoch_table, fault_table
 from pl_mc.engine.task import SweepTask
 from pl_mc.faults import Faults
 from pl_mc.geometry.record import Geometry
-from pl_mc.input_errors import InputError, require_whole
+from pl_mc.input_errors import InputError, require_path, require_truth, require_whole
 from pl_mc.methods import Method, as_methods
 from pl_mc.noise_models import GAUSSIAN, NoiseModel, as_noise_model
 from pl_mc.runtime.precision import dtype_of
@@ -28,7 +29,7 @@ def sweep(
     draws: int,
     seed: int,
     methods: Sequence[str | Method] = ("ls", "igg3"),
-    alert: AlertLimits = LPV_200,
+    alert: str | AlertLimits = LPV_200,
     noise: str | NoiseModel = GAUSSIAN,
     precision: str = "float64",
     by_epoch: bool = False,
@@ -71,10 +72,12 @@ def sweep(
     Raises:
         InputError: bad options, faults of another geometry, or a folder that cannot be used.
     """
+    require_truth(resume, field="resume")
     if folder is None and (resume or shard is not None):
         raise InputError("folder: to resume a sweep, or to count a shard of it, a folder for the parts is needed.")
     execution = Execution(
-        workers=workers, devices=devices, scheduler=scheduler, folder=None if folder is None else Path(folder),
+        workers=workers, devices=devices, scheduler=scheduler,
+        folder=None if folder is None else require_path(folder, field="folder"),
         resume=resume, shard=shard, progress=progress,
     )  # fmt: skip
     return run_sweep(
@@ -83,6 +86,7 @@ def sweep(
     )  # fmt: skip
 
 
+@ordinary_arithmetic
 def run_sweep(
     g: Geometry,
     faults: Faults,
@@ -90,14 +94,15 @@ def run_sweep(
     draws: int,
     seed: int,
     methods: Sequence[str | Method],
-    alert: AlertLimits,
+    alert: str | AlertLimits,
     precision: str,
     noise: str | NoiseModel = GAUSSIAN,
     by_epoch: bool = False,
     execution: Execution,
 ) -> pd.DataFrame:
     """`pl_mc.sweep`, with the way it runs as one record."""
-    require_inputs(g, faults, alert)
+    alert = require_inputs(g, faults, alert)
+    require_truth(by_epoch, field="by_epoch")
     task = SweepTask(
         geometry=g,
         faults=faults,
@@ -120,4 +125,5 @@ def run_sweep(
             totals.add(task, found)
     table = epoch_table(task, totals) if isinstance(totals, EpochTotals) else fault_table(task, totals)
     table.attrs["notes"] = notes
+    table.attrs["horizontal"] = horizontal_note(alert)
     return table

@@ -13,7 +13,7 @@ from typing import Any, Protocol, runtime_checkable
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from pl_mc.input_errors import InputError, nearest
+from pl_mc.input_errors import InputError, nearest, shown
 
 ORBIT_CLASSES = ("GPS", "BDS-MEO", "BDS-IGSO", "BDS-GEO", "GAL", "GLO")
 
@@ -64,7 +64,7 @@ class Sky:
         unknown = orbit[~np.isin(orbit, ORBIT_CLASSES)]
         if unknown.size:
             word = str(unknown.flat[0])
-            raise InputError(f"orbit: {word!r} is not a class of orbit ({nearest(word, ORBIT_CLASSES)}).")
+            raise InputError(f"orbit: {shown(word)} is not a class of orbit ({nearest(word, ORBIT_CLASSES)}).")
         angles = {
             name: np.broadcast_to(_angle(name, getattr(self, name)), shape)
             for name in ("elevation_rad", "azimuth_rad", "latitude_rad", "longitude_rad")
@@ -136,7 +136,7 @@ def require_figure(option: str, value: Any, *, allow_zero: bool = False, squared
     try:
         number = float(value)
     except (TypeError, ValueError):
-        raise InputError(f"{option}: {value!r} is not a number of {words}; it is {rule}.") from None
+        raise InputError(f"{option}: {shown(value)} is not a number of {words}; it is {rule}.") from None
     if not np.isfinite(number) or number < 0 or (number == 0 and not allow_zero):
         raise InputError(f"{option}: {number:g} {unit} cannot be used; it is a finite number of {short}, {rule}.")
     return number
@@ -149,9 +149,10 @@ def require_options(model: str, given: Mapping[str, Any], known: tuple[str, ...]
             continue
         if not known:
             raise InputError(
-                f"error model {model!r}: it has no options, so {option!r} cannot be set; the model 'user' has them."
+                f"error model {shown(model)}: it has no options, so {shown(option)} cannot be set; "
+                "the model 'user' has them."
             )
-        raise InputError(f"error model {model!r}: it has no option {option!r} ({nearest(option, known)}).")
+        raise InputError(f"error model {shown(model)}: it has no option {shown(option)} ({nearest(option, known)}).")
 
 
 def _angle(name: str, value: ArrayLike) -> NDArray[np.float64]:

@@ -32,7 +32,7 @@ from pl_mc.studies.planned_sweep import PlannedSweep
 from pl_mc.studies.registry import KINDS, in_todays_words, study_of
 from pl_mc.studies.spec import Experiment, SimulatedGeometry
 from pl_mc.studies.study import Work
-from pl_mc.studies.validation import FieldProblem
+from pl_mc.studies.validation import FieldProblem, told_lines
 from pl_mc.time_ramps.timing import sequential
 
 _MAKERS = {"methods": method, "tests": detector, "noises": noise_model, "sequential": sequential}
@@ -60,6 +60,9 @@ BASE_MEMORY_MB = 620.0
 
 _STORED = "from rates measured on two cores of an AMD EPYC; another machine may be several times faster or slower"
 _MEASURED = "from a rate measured here just now"
+
+
+_MOST_LINES = 2_000
 
 
 @dataclass(frozen=True)
@@ -114,9 +117,11 @@ class Checked:
 
     def text(self) -> str:
         """One line for each problem, ``file:line: field: reason``."""
-        return "\n".join(
-            f"{self.file}{f':{one.line}' if one.line else ''}: {f'{one.field}: ' if one.field else ''}{one.reason}"
-            for one in self.problems
+        return told_lines(
+            [
+                f"{self.file}{f':{one.line}' if one.line else ''}: {f'{one.field}: ' if one.field else ''}{one.reason}"
+                for one in self.problems
+            ]
         )
 
 
@@ -141,7 +146,8 @@ def check_experiment(which: str, overrides: Mapping[str, Any] | None = None, *, 
             cost = cost_of(experiment, measure=measure)
         except InputError as error:
             wrong, experiment = [_as_problem(error, "")], None
-    lines = field_lines(source.text)
+    # Reading a file again for each of its lines is for files that a person wrote.
+    lines = field_lines(source.text) if wrong and source.text.count("\n") < _MOST_LINES else {}
     problems = [Problem(each.field, _line(each.field, lines), each.reason) for each in wrong]
     problems.sort(key=lambda problem: problem.line or 0)
     return Checked(source.name, source.path.name, tuple(problems), experiment, cost)
@@ -201,7 +207,7 @@ def _further_problems(content: Mapping[str, Any]) -> Iterator[FieldProblem]:
             geometry = yield from _simulated(part, given)
     sizes = content.get("faults")
     if isinstance(sizes, Mapping) and all(isinstance(sizes.get(field), int | float) for field in _RAMP):
-        yield from _tried("faults", lambda: ramp_sizes_m(*(float(sizes[field]) for field in _RAMP)))
+        yield from _tried("faults", lambda: ramp_sizes_m(*(sizes[field] for field in _RAMP)))
     if field_problems(content):
         return
     record = KINDS[content["kind"]].model.model_validate(content)
@@ -210,17 +216,19 @@ def _further_problems(content: Mapping[str, Any]) -> Iterator[FieldProblem]:
         yield from _tried("source", files)
     build = getattr(getattr(record, "faults", None), "build", None)
     if geometry is not None and callable(build):
-        yield from _tried("faults", lambda: build(geometry))
+        yield from _tried("faults", lambda: build(geometry), ("satellite", "start_m", "stop_m", "step_m"))
     for field, act in study_of(record).checks(record, geometry):
         yield from _tried(field, act)
 
 
 def _named(given: Any, field: str, make: Callable[..., Any]) -> Iterator[FieldProblem]:
     """Methods or tests one by one, as far as each is a table with a name."""
-    if not isinstance(given, Sequence) or isinstance(given, str):
+    # A word alone is a name without options, in a list or by itself.
+    given = [given] if isinstance(given, str) else given
+    if not isinstance(given, Sequence):
         return
     seen: list[str] = []
-    for k, one in enumerate(given):
+    for k, one in enumerate({"name": one} if isinstance(one, str) else one for one in given):
         if isinstance(one, Mapping) and isinstance(one.get("name"), str):
             options = {key: value for key, value in one.items() if key != "name"}
             path = field if field == "noise" else f"{field}.{k}"
@@ -281,7 +289,9 @@ def _tried(field: str, act: Callable[[], Any], inner: Collection[str] = ()) -> I
 def _as_problem(error: InputError, field: str, inner: Collection[str] = ()) -> FieldProblem:
     """An error as a problem of a field, or of one of its ``inner`` fields where its sentence begins with it."""
     head, _, rest = str(error).partition(": ")
-    if rest and head in (field, field.rpartition(".")[2]):
+    # The singular of a list, "satellite" of "satellites", or the sort of what a table makes, "method" of "methods.0".
+    parts = field.split(".")
+    if rest and (head == field or head in parts or f"{head}s" in parts):
         return FieldProblem(field, rest)
     if rest and head in inner:
         return FieldProblem(f"{field}.{head}", rest)

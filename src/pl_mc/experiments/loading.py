@@ -2,15 +2,16 @@
 
 from __future__ import annotations
 
-import json
 import tomllib
 from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-from pl_mc.input_errors import InputError, nearest
-from pl_mc.studies.registry import KINDS, in_todays_words
+from pl_mc.input_errors import InputError, nearest, shown
+from pl_mc.report.run_folder import folder_name
+from pl_mc.runtime.small_files import parsed, parsed_json, read_text
+from pl_mc.studies.registry import FORMER, KINDS, in_todays_words
 from pl_mc.studies.spec import Experiment
 from pl_mc.studies.validation import FieldProblem, problems_of, validated
 
@@ -63,22 +64,17 @@ def read_source(which: str) -> ExperimentSource:
     if which in known:
         path = known[which]
     elif path.suffix not in (".toml", ".json"):
-        raise InputError(f"experiment {which!r}: it is unknown ({nearest(which, known)}); a path ends in .toml.")
+        raise InputError(f"experiment {shown(which)}: it is unknown ({nearest(which, known)}); a path ends in .toml.")
     try:
-        text = path.read_text(encoding="utf-8")
+        text = read_text(path)
     except FileNotFoundError:
         raise InputError(f"{which}: there is no such file ({nearest(path.stem, known)}).") from None
-    except (OSError, UnicodeDecodeError) as error:
-        raise InputError(f"{which}: the file cannot be read ({error}).") from None
-    try:
-        if path.suffix == ".json":
-            manifest = json.loads(text)
-            return ExperimentSource(manifest["name"], path, "", dict(manifest["experiment"]))
-        return ExperimentSource(path.stem, path, text, tomllib.loads(text))
-    except tomllib.TOMLDecodeError as error:
-        raise InputError(f"{path}: it is not TOML: {error}.") from None
-    except (ValueError, KeyError, TypeError):
-        raise InputError(f"{path}: it is no manifest of a run.") from None
+    if path.suffix != ".json":
+        return ExperimentSource(path.stem, path, text, parsed(text, tomllib.loads, path=path, what="TOML"))
+    manifest = parsed_json(text, path=path)
+    if not isinstance(manifest, dict) or not isinstance(manifest.get("experiment"), dict):
+        raise InputError(f"{path}: it is no manifest of a run.")
+    return ExperimentSource(folder_name(manifest.get("name"), source=str(path)), path, "", manifest["experiment"])
 
 
 def build_experiment(content: Mapping[str, Any], *, source: str) -> Experiment:
@@ -108,4 +104,7 @@ def _kind_problem(content: Mapping[str, Any]) -> FieldProblem | None:
     kind = content.get("kind")
     if isinstance(kind, str) and kind in KINDS:
         return None
-    return FieldProblem("kind", f"{kind!r} is unknown ({nearest(str(kind), KINDS)}).")
+    if kind is None:
+        return FieldProblem("kind", f"it has to be given (valid: {', '.join(KINDS)}).")
+    close = nearest(str(kind)[:40], [*KINDS, *FORMER])
+    return FieldProblem("kind", f"{shown(kind)} is unknown ({close}).")

@@ -24,6 +24,7 @@ from pl_mc.engine.part_task import environment
 from pl_mc.experiments.loading import in_this_version
 from pl_mc.input_errors import InputError, shown, system_reason
 from pl_mc.report.run_folder import MANIFEST, changed_fields, earlier_place, read_run_folder
+from pl_mc.runtime.small_files import parsed_json, read_text
 from pl_mc.runtime.whole_files import locked, write_whole
 from pl_mc.studies.spec import Experiment
 
@@ -215,7 +216,7 @@ class Unfinished:
 def read_record(folder: Path) -> dict[str, Any]:
     """Name and experiment of an unfinished run."""
     try:
-        content = json.loads((folder / RECORD).read_text(encoding="utf-8"))
+        content = parsed_json(read_text(folder / RECORD), path=folder / RECORD)
         found = {"name": content["name"], "experiment": dict(content["experiment"])}
         if content.get("sha256", _hash(found)) != _hash(found):
             raise ValueError

@@ -21,6 +21,7 @@ from pl_mc.report.files import from_markdown, write_table
 from pl_mc.report.page import PAGE, PageTable, charts_within_limit, page_table, render, text_table, write_page
 from pl_mc.report.run_folder import MANIFEST, RunFolder, read_run_folder
 from pl_mc.report.text import percent
+from pl_mc.runtime.small_files import shown_reason
 from pl_mc.runtime.whole_files import write_whole
 from pl_mc.studies.registry import study_of
 from pl_mc.studies.spec import Experiment, kind_of
@@ -52,7 +53,13 @@ def remake_page(folder: Path) -> RunResult:
     else:
         meanings = meanings_of(experiment)
         document = document or document_of_files(run, experiment)
-    write_page(replace(run, document=document), meanings=meanings)
+    try:
+        write_page(replace(run, document=document), meanings=meanings)
+    except (LookupError, TypeError, ValueError, AttributeError, OverflowError, RecursionError) as error:
+        if isinstance(error, InputError):
+            raise
+        reason = f"{type(error).__name__}: {shown_reason(str(error))}"
+        raise InputError(f"{folder}: no page can be made of what is in it ({reason}).") from None
     gone = [f"{entry.name}.csv" for entry in document.tables if entry.name not in run.tables]
     gone += [f"{entry.name}.png" for entry in document.figures if entry.name not in run.figures]
     notes = (*run.notes, *(f"{name} is not in the folder; the page does without it." for name in gone))

@@ -97,7 +97,7 @@ def run_experiment(
         result_folder(folder, then=place.remove, said=said) as working,
         _parts(name, experiment, place, study, how, fresh, said) as how,
     ):
-        findings = study.run(experiment, how)
+        findings = study.found(experiment, how)
         document = write_findings(
             findings,
             working,

@@ -17,7 +17,7 @@ from typing import Any
 import numpy as np
 
 from pl_mc.geometry.gps_time import gmst_rad, gps_seconds
-from pl_mc.input_errors import InputError, nearest, require_choice
+from pl_mc.input_errors import InputError, nearest, require_choice, require_list, shown
 
 
 @dataclass(frozen=True)
@@ -186,24 +186,30 @@ def constellation_slots(
     Raises:
         InputError: no constellation, an unknown or repeated one, an unknown satellite, or no satellite left.
     """
-    wanted = [constellations] if isinstance(constellations, str) else list(constellations)
+    wanted = (
+        [constellations]
+        if isinstance(constellations, str)
+        else require_list(constellations, field="constellations", of="names")
+    )
     if not wanted:
         raise InputError(f"constellations: at least one is needed (valid: {', '.join(CONSTELLATIONS)}).")
     for name in wanted:
         require_choice(name, CONSTELLATIONS, field="constellations")
         if wanted.count(name) > 1:
-            raise InputError(f"constellations: {name!r} appears more than once.")
+            raise InputError(f"constellations: {shown(name)} appears more than once.")
     if gps_slots is not None and "GPS" not in wanted:
         raise InputError(f"almanac: it holds GPS satellites, but the constellations are {', '.join(wanted)}; add GPS.")
     made = {name: CONSTELLATIONS[name]() for name in wanted}
     if gps_slots is not None:
-        made["GPS"] = tuple(gps_slots)
+        made["GPS"] = tuple(require_list(gps_slots, field="gps_slots", of="slots"))
+        if not all(isinstance(slot, Slot) for slot in made["GPS"]):
+            raise InputError(f"gps_slots: slots such as those of an almanac are needed, not {shown(gps_slots)}.")
     slots = tuple(itertools.chain(*made.values()))
     names = [slot.name for slot in slots]
-    off = [without] if isinstance(without, str) else list(without)
+    off = [without] if isinstance(without, str) else require_list(without, field="without", of="names")
     for name in off:
-        if name not in names:
-            raise InputError(f"without: {name!r} is not in {', '.join(wanted)} ({nearest(str(name), names)}).")
+        if not isinstance(name, str) or name not in names:
+            raise InputError(f"without: {shown(name)} is not in {', '.join(wanted)} ({nearest(str(name), names)}).")
     left = tuple(slot for slot in slots if slot.name not in off)
     if not left:
         raise InputError("without: every satellite is switched off; at least one has to stay.")

@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 from pl_mc.geometry.constellations import Slot
 from pl_mc.geometry.frames import enu_rotation, from_geodetic, geodetic
 from pl_mc.geometry.orbits import satellite_positions_m
-from pl_mc.input_errors import InputError, require_positive, require_whole
+from pl_mc.input_errors import InputError, require_list, require_positive, require_whole, shown
 
 # Standard gravity, 3rd General Conference on Weights and Measures, 1901.
 GRAVITY_M_S2 = 9.80665
@@ -146,7 +146,7 @@ def fly(plan: Sequence[Manoeuvre], *, epochs: int, interval_s: float = 1.0) -> F
         InputError: a turn while standing, or one too short for rolling in and out; a series that is none, or of
             more than two weeks.
     """
-    epochs = require_whole(epochs, field="epochs", low=1)
+    epochs = require_whole(epochs, field="epochs", low=1, high=10_000_000)
     interval_s = require_positive(interval_s, field="interval_s")
     if (epochs - 1) * interval_s > _LONGEST_FLIGHT_S:
         raise InputError(f"flight: it can last up to {_LONGEST_FLIGHT_S:g} s, and more is asked for.")
@@ -154,7 +154,9 @@ def fly(plan: Sequence[Manoeuvre], *, epochs: int, interval_s: float = 1.0) -> F
     time = np.arange(int(np.ceil(end_s / _STEP_S)) + 2, dtype=np.float64) * _STEP_S
     speed, climb, rate = (np.zeros(time.size) for _ in range(3))
     begin_s, v = 0.0, 0.0
-    for number, one in enumerate(plan, start=1):
+    for number, one in enumerate(require_list(plan, field="plan", of="manoeuvres"), start=1):
+        if not isinstance(one, Manoeuvre):
+            raise InputError(f"plan: manoeuvres are needed, not {shown(one)}.")
         v_end = v if one.speed_m_s is None else one.speed_m_s
         turn_rate, duration_s = _turn_rate_and_duration(number, one, v)
         during = slice(*np.searchsorted(time, (begin_s, begin_s + duration_s)).tolist())

@@ -7,6 +7,7 @@ and the Earth is turned by GPS time where UT1 belongs. The difference, under 20 
 
 from __future__ import annotations
 
+from datetime import date as Day
 from datetime import datetime
 
 import numpy as np
@@ -23,28 +24,40 @@ _DAYS_PER_CENTURY = 36_525.0
 _SECONDS_PER_DAY = 86_400.0
 
 
-def gps_seconds(date: str | datetime, *, field: str = "start") -> float:
+def gps_seconds(date: str | Day | np.datetime64, *, field: str = "start") -> float:
     """Seconds since 1980-01-06 00:00:00 of a date in GPS time [s].
 
     Args:
-        date: ISO 8601 text, ``2017-11-21T00:00:00`` or ``2017-11-21``, or a `datetime`; no time zone.
+        date: ISO 8601 text, ``2017-11-21T00:00:00`` or ``2017-11-21``, or a date of Python, NumPy or pandas; no
+            time zone.
         field: name of the option, for the sentence of an error.
 
     Raises:
         InputError: no such date, a time zone (GPS time has none), or a date before GPS time began.
     """
     try:
-        moment = date if isinstance(date, datetime) else datetime.fromisoformat(date)
-    except (TypeError, ValueError):
+        if isinstance(date, np.datetime64 | pd.Timestamp):
+            # Some have nanoseconds, which Python's have not.
+            moment = pd.Timestamp(date).round("us").to_pydatetime()
+        else:
+            moment = date if isinstance(date, datetime) else datetime.fromisoformat(_iso(date))
+        if not isinstance(moment, datetime):
+            raise TypeError
+    except (TypeError, ValueError, OverflowError):
         raise InputError(
             f"{field}: {shown(date)} is not a date; GPS time is written as in 2017-11-21T00:00:00."
         ) from None
     if moment.tzinfo is not None:
         bare = moment.replace(tzinfo=None).isoformat()
-        raise InputError(f"{field}: {date!r} has a time zone; it is GPS time, which has none: {bare}.")
+        raise InputError(f"{field}: {shown(date)} has a time zone; it is GPS time, which has none: {bare}.")
     if moment < GPS_EPOCH:
-        raise InputError(f"{field}: {date!r} is before GPS time began; the first is {GPS_EPOCH.isoformat()}.")
+        raise InputError(f"{field}: {shown(date)} is before GPS time began; the first is {GPS_EPOCH.isoformat()}.")
     return (moment - GPS_EPOCH).total_seconds()
+
+
+def _iso(date: object) -> str:
+    """The text of a day or of a word; whatever else is no date."""
+    return date.isoformat() if isinstance(date, Day) else date if isinstance(date, str) else ""
 
 
 def gps_dates(time_gps_s: ArrayLike) -> pd.DatetimeIndex:

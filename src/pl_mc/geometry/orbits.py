@@ -15,13 +15,16 @@ from dataclasses import fields
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from pl_mc.arrays import ordinary_arithmetic
 from pl_mc.constants import EARTH_GM_M3_S2
 from pl_mc.geometry.constellations import Slot
 from pl_mc.geometry.gps_time import gmst_rad
+from pl_mc.input_errors import InputError, require_list, require_numbers, require_true, shown
 
 # Newton steps of Kepler's equation: from the mean anomaly four reach 1e-15 for eccentricities below 0.1, the most
 # that an almanac can hold takes a few more.
 _KEPLER_STEPS = 12
+_LATEST_GPS_S = 3.2e11
 
 
 def mean_motion_rad_s(semi_major_axis_m: ArrayLike) -> NDArray[np.float64]:
@@ -33,6 +36,7 @@ def mean_motion_rad_s(semi_major_axis_m: ArrayLike) -> NDArray[np.float64]:
     return np.sqrt(EARTH_GM_M3_S2 / np.asarray(semi_major_axis_m, dtype=float) ** 3)
 
 
+@ordinary_arithmetic
 def satellite_positions_m(slots: Sequence[Slot], time_gps_s: ArrayLike) -> NDArray[np.float64]:
     """Earth-fixed positions of satellites (epochs, m, 3) [m].
 
@@ -43,7 +47,14 @@ def satellite_positions_m(slots: Sequence[Slot], time_gps_s: ArrayLike) -> NDArr
         slots: the m satellites.
         time_gps_s: (epochs,), seconds since 1980-01-06 in GPS time [s].
     """
-    time = np.atleast_1d(np.asarray(time_gps_s, dtype=float))[:, None]
+    slots = require_list(slots, field="slots", of="slots")
+    if not slots or not all(isinstance(slot, Slot) for slot in slots):
+        raise InputError(f"slots: slots such as those of constellation_slots are needed, not {shown(slots)}.")
+    time = np.atleast_1d(require_numbers(time_gps_s, field="time_gps_s"))
+    require_true(np.abs(time) <= _LATEST_GPS_S, field="time_gps_s", rule="a time within 9999 years is needed", of=time)
+    if time.ndim != 1:
+        raise InputError(f"time_gps_s: one row of times is needed, not shape {time.shape}.")
+    time = time[:, None]
     numbers = (np.array([getattr(slot, field.name) for slot in slots], dtype=float) for field in fields(Slot)[3:])
     radius, inclination, raan, start, reference, sidereal, geosynchronous, *ellipse = numbers
     eccentricity, perigee, raan_rate = ellipse

@@ -7,7 +7,9 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from pl_mc.geometry.record import EAST, NORTH, POSITION_UNKNOWNS, UP, Geometry
+from pl_mc.arrays import ordinary_arithmetic
+from pl_mc.geometry.record import EAST, NORTH, POSITION_UNKNOWNS, UP, Geometry, require_geometry
+from pl_mc.input_errors import require_truth
 
 # Normal equations whose smallest eigenvalue falls below this share of the largest determine no position; the digits
 # of an inverse would be rounding errors.
@@ -33,6 +35,7 @@ class Dops:
     tdop: NDArray[np.float64]
 
 
+@ordinary_arithmetic
 def dops(g: Geometry, *, weighted: bool = False) -> Dops:
     """Dilutions of precision of each epoch (Kaplan and Hegarty, Understanding GPS, section 7.3.1).
 
@@ -43,7 +46,8 @@ def dops(g: Geometry, *, weighted: bool = False) -> Dops:
         weighted: False for pure numbers (every row counts alike); True to weight each row by 1/sigma^2, which gives
             standard deviations in metres, the "DOPs" of Zhao et al. (2021), equations 8 to 15.
     """
-    weight = np.where(g.in_view, 1.0 / np.asarray(g.sigma_m) ** 2 if weighted else 1.0, 0.0)
+    require_truth(weighted, field="weighted")
+    weight = np.where(require_geometry(g).in_view, 1.0 / np.asarray(g.sigma_m) ** 2 if weighted else 1.0, 0.0)
     cofactors, observed = _cofactors(g, weight)
     variance = np.diagonal(cofactors, axis1=-2, axis2=-1)
     horizontal = variance[..., EAST] + variance[..., NORTH]
@@ -59,6 +63,7 @@ def dops(g: Geometry, *, weighted: bool = False) -> Dops:
     )
 
 
+@ordinary_arithmetic
 def redundancy_numbers(g: Geometry) -> NDArray[np.float64]:
     """Redundancy number of each observation (..., n): the share of its error that shows in its own residual.
 
@@ -69,7 +74,7 @@ def redundancy_numbers(g: Geometry) -> NDArray[np.float64]:
     Padding has 0. At an epoch whose satellites do not determine the unknowns the numbers do not exist: NaN for the
     satellites in view.
     """
-    design = np.asarray(g.design)
+    design = np.asarray(require_geometry(g).design)
     weight = np.where(g.in_view, 1.0 / np.asarray(g.sigma_m) ** 2, 0.0)
     cofactors, _ = _cofactors(g, weight)
     leverage = np.einsum("...ij,...jk,...ik->...i", design, cofactors, design) * weight

@@ -14,12 +14,20 @@ import jax
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from pl_mc.input_errors import InputError, shown
+from pl_mc.arrays import ordinary_arithmetic
+from pl_mc.input_errors import InputError, require_numbers, shown
 
 SYSTEM_NAMES = {"G": "GPS", "C": "BeiDou", "E": "Galileo", "R": "GLONASS"}
 
 EAST, NORTH, UP = 0, 1, 2
 POSITION_UNKNOWNS = 3
+
+# Beyond these a sigma is a slip of the unit, and weights cannot be computed with.
+_LEAST_SIGMA_M, _MOST_SIGMA_M = 1e-9, 1e9
+# Rows that were printed with two decimals are still taken.
+_LENGTH_TOLERANCE = 0.01
+# Clocks in seconds have the speed of light in their column.
+_MOST_PER_CLOCK = 1e9
 
 
 def _static() -> Any:
@@ -60,6 +68,7 @@ class Geometry:
     notes: tuple[str, ...] = field(default=(), compare=False, metadata={"static": True})
 
     @classmethod
+    @ordinary_arithmetic
     def from_arrays(
         cls, design: ArrayLike, sigma_m: ArrayLike, systems: Sequence[str], names: Sequence[str]
     ) -> Geometry:
@@ -72,11 +81,11 @@ class Geometry:
             names: n distinct satellite names.
 
         Raises:
-            InputError: shapes that do not fit, values that are not finite, a sigma that is not positive, a column
-                of zeros, fewer satellites than unknowns, or columns that depend on each other.
+            InputError: shapes that do not fit, rows that are no unit vectors (within 1 %), a sigma that is no
+                length, a column of zeros, fewer satellites than unknowns, or columns that depend on each other.
         """
-        design = _as_numbers("design", design)
-        sigma = _as_numbers("sigma_m", sigma_m)
+        design = require_numbers(design, field="design")
+        sigma = require_numbers(sigma_m, field="sigma_m")
         if design.ndim != 2:
             raise InputError(f"design: two axes (satellites, unknowns) are needed, not shape {design.shape}.")
         n, t = design.shape
@@ -87,12 +96,7 @@ class Geometry:
         _check_satellites(names, systems)
         if t <= POSITION_UNKNOWNS:
             raise InputError(f"design: three position columns and at least one clock are needed, not {t} columns.")
-        bad = np.flatnonzero(~(np.isfinite(sigma) & (sigma > 0)))
-        if bad.size:
-            raise InputError(f"sigma_m: {names[bad[0]]} has {sigma[bad[0]]}; a sigma is finite and positive.")
-        bad = np.flatnonzero(~np.isfinite(design).all(axis=1))
-        if bad.size:
-            raise InputError(f"design: the row of {names[bad[0]]} is not finite.")
+        _require_rows(design, sigma, np.array(names))
         zero = np.flatnonzero(~design.any(axis=0))
         if zero.size:
             raise InputError(f"design: column {zero[0]} is all zeros, so its unknown cannot be estimated.")
@@ -102,9 +106,8 @@ class Geometry:
         if rank < t:
             raise InputError(f"design: its {t} columns depend on each other (rank {rank}); no position follows.")
         return cls(
-            # Copies: what the caller does to its arrays later changes nothing here.
-            design=design.copy(),
-            sigma_m=sigma.copy(),
+            design=design,
+            sigma_m=sigma,
             in_view=np.ones(n, dtype=bool),
             satellite=np.arange(n, dtype=np.int32),
             epoch=np.asarray(0),
@@ -115,6 +118,7 @@ class Geometry:
         )
 
     @classmethod
+    @ordinary_arithmetic
     def from_rows(
         cls,
         *,
@@ -143,8 +147,8 @@ class Geometry:
         Satellites never in view are left out. Epochs may have fewer satellites than unknowns: a sweep counts them
         as unavailable.
         """
-        design, sigma_m = _as_numbers("design", design), _as_numbers("sigma_m", sigma_m)
-        in_view = _as_numbers("in_view", in_view) != 0
+        design, sigma_m = require_numbers(design, field="design"), require_numbers(sigma_m, field="sigma_m")
+        in_view = as_mask(in_view)
         names, systems, clocks = (
             as_words(label, words) for label, words in (("names", names), ("systems", systems), ("clocks", clocks))
         )
@@ -161,15 +165,12 @@ class Geometry:
             raise InputError(f"systems: one letter per name is needed, {m}, not {len(systems)}.")
         _check_satellites(names, systems)
         numbers = np.arange(epochs) if epoch is None else _as_epoch_numbers(epoch, epochs)
-        times = np.full(epochs, np.nan) if time_gps_s is None else _as_numbers("time_gps_s", time_gps_s)
+        times = np.full(epochs, np.nan) if time_gps_s is None else require_numbers(time_gps_s, field="time_gps_s")
         if times.shape != (epochs,):
             raise InputError(f"time_gps_s: one time per epoch is needed, ({epochs},), not {times.shape}.")
         if not in_view.any():
             raise InputError("geometry: no satellite is in view at any epoch.")
-        if not (np.isfinite(sigma_m[in_view]).all() and (sigma_m[in_view] > 0).all()):
-            raise InputError("sigma_m: a sigma is finite and positive for every satellite in view.")
-        if not np.isfinite(design[in_view]).all():
-            raise InputError("design: the rows of satellites in view are finite.")
+        _require_rows(design[in_view], sigma_m[in_view], np.array(names)[in_view.nonzero()[1]])
         seen = np.flatnonzero(in_view.any(axis=0)).tolist()
         design, sigma_m, in_view = design[:, seen], sigma_m[:, seen], in_view[:, seen]
         width = int(in_view.sum(axis=1).max())
@@ -266,12 +267,23 @@ class Geometry:
 _ARRAYS = ("design", "sigma_m", "in_view", "satellite", "epoch", "time_gps_s")
 
 
-def _as_numbers(field_name: str, value: ArrayLike) -> NDArray[np.float64]:
+def require_geometry(g: Geometry) -> Geometry:
+    """``g`` if it is a `Geometry`; else an `InputError`."""
+    if not isinstance(g, Geometry):
+        kind = g.__name__ if isinstance(g, type) else type(g).__name__
+        raise InputError(f"geometry: a pl_mc Geometry is needed, not {kind}.")
+    return g
+
+
+def as_mask(in_view: ArrayLike) -> NDArray[np.bool_]:
+    """Which rows count (...), from truth values or numbers."""
+    if isinstance(in_view, np.ndarray) and in_view.dtype == bool:
+        return in_view
     try:
-        return np.asarray(value, dtype=float)
-    except (TypeError, ValueError, OverflowError) as error:
-        reason = " ".join(str(error).split()).rstrip(".")
-        raise InputError(f"{field_name}: it cannot be read as an array of numbers ({reason}).") from None
+        given = np.asarray(in_view)
+    except ValueError:
+        given = np.asarray(None)
+    return given if given.dtype == bool else require_numbers(in_view, field="in_view") != 0
 
 
 def as_words(field_name: str, value: Sequence[str]) -> tuple[str, ...]:
@@ -286,12 +298,32 @@ def as_words(field_name: str, value: Sequence[str]) -> tuple[str, ...]:
 
 
 def _as_epoch_numbers(value: ArrayLike, epochs: int) -> NDArray[np.int64]:
-    numbers = _as_numbers("epoch", value)
+    numbers = require_numbers(value, field="epoch")
     whole = np.isfinite(numbers) & (numbers >= 0) & (numbers == np.floor(numbers)) & (numbers < 2**53)
     # Noise is found by epoch number: two epochs of one number would share theirs.
     if numbers.shape != (epochs,) or not whole.all() or np.unique(numbers).size != epochs:
         raise InputError(f"epoch: {epochs} different whole numbers, none negative, are needed.")
     return numbers.astype(np.int64)
+
+
+def _require_rows(design: NDArray[np.float64], sigma_m: NDArray[np.float64], names: NDArray[np.str_]) -> None:
+    """Raise `InputError` with the first satellite whose row (m, t) or sigma (m,) cannot be one."""
+    usual = (sigma_m >= _LEAST_SIGMA_M) & (sigma_m <= _MOST_SIGMA_M)
+    bounds = f"a sigma is finite and positive, {_LEAST_SIGMA_M:g} to {_MOST_SIGMA_M:g} m"
+    finite = np.isfinite(design).all(axis=1)
+    length = np.sqrt((np.where(np.abs(design) < 2.0, design, 2.0)[:, :POSITION_UNKNOWNS] ** 2).sum(axis=1))
+    clocks = np.abs(design[:, POSITION_UNKNOWNS:]).max(axis=1, initial=0.0)
+    for k in np.flatnonzero(~usual):
+        raise InputError(f"sigma_m: {names[k]} has {sigma_m[k]:g}; {bounds}.")
+    for k in np.flatnonzero(~finite):
+        raise InputError(f"design: the row of {names[k]} is not finite.")
+    for k in np.flatnonzero(~(np.abs(length - 1.0) <= _LENGTH_TOLERANCE)):
+        raise InputError(
+            f"design: the row of {names[k]} starts with a vector of length {length[k]:.4g}; east, north and up of a "
+            "line of sight are a unit vector, and the clock columns follow it."
+        )
+    for k in np.flatnonzero(~(clocks <= _MOST_PER_CLOCK)):
+        raise InputError(f"design: the row of {names[k]} has {clocks[k]:g} in a clock column; 0 and 1 are usual.")
 
 
 def _check_satellites(names: tuple[str, ...], systems: tuple[str, ...]) -> None:

@@ -3,12 +3,13 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from datetime import datetime
+from datetime import date
 from pathlib import Path
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from pl_mc.arrays import ordinary_arithmetic
 from pl_mc.error_models import ErrorModel, Sky, as_error_model
 from pl_mc.geometry.almanac import almanac_slots
 from pl_mc.geometry.constellations import constellation_slots
@@ -18,7 +19,7 @@ from pl_mc.geometry.orbits import satellite_positions_m
 from pl_mc.geometry.record import POSITION_UNKNOWNS, SYSTEM_NAMES, UP, Geometry, as_words
 from pl_mc.geometry.sites import DEFAULT_SITE, checked_positions_m, site_position_m
 from pl_mc.geometry.sp3 import PreciseOrbits, sp3_orbits
-from pl_mc.input_errors import InputError, shown
+from pl_mc.input_errors import InputError, require_number, shown
 
 DEFAULT_EPOCHS = 2880
 
@@ -29,11 +30,12 @@ MOST_EPOCHS = 1_000_000
 _LONGEST_SERIES_S = 1e10
 
 
+@ordinary_arithmetic
 def simulate(
     *,
     site: str | ArrayLike | None = None,
     track_m: ArrayLike | None = None,
-    start: str | datetime = "2017-11-21T00:00:00",
+    start: str | date | np.datetime64 = "2017-11-21T00:00:00",
     epochs: int | None = None,
     interval_s: float = 30.0,
     mask_deg: float = 10.0,
@@ -74,8 +76,6 @@ def simulate(
     Raises:
         InputError: an option that cannot be used, or no satellite in view at any epoch.
     """
-    if not isinstance(start, str | datetime):
-        raise InputError(f"start: a date is needed, as in 2017-11-21T00:00:00, not {shown(start)}.")
     first_gps_s = gps_seconds(start)
     wanted, off = (
         (words,) if isinstance(words, str) else as_words(field, words)
@@ -90,13 +90,13 @@ def simulate(
         raise InputError(f"error model: a name or an error model is needed, not {shown(error_model)}.")
     model = as_error_model(error_model)
     position, epochs = _positions_m(site, track_m, epochs)
-    mask_deg = _number("mask_deg", mask_deg)
+    mask_deg = require_number(mask_deg, field="mask_deg")
     if not 0.0 <= mask_deg < 90.0:
         nearest_valid = "0" if mask_deg < 0 else "below 90"
         raise InputError(
             f"mask_deg: {mask_deg:g} deg is outside the range from 0 to below 90 deg; nearest: {nearest_valid}."
         )
-    interval_s = _number("interval_s", interval_s)
+    interval_s = require_number(interval_s, field="interval_s")
     if interval_s <= 0:
         raise InputError(f"interval_s: {interval_s:g} s; the time between epochs is over zero, as in 30 s.")
     if interval_s * epochs > _LONGEST_SERIES_S:
@@ -191,13 +191,3 @@ def _visibility(visible: ArrayLike, shape: tuple[int, ...]) -> NDArray[np.bool_]
             f"visible: True or False by epoch and satellite is needed, {shape}, not {mask.dtype} {mask.shape}."
         )
     return mask
-
-
-def _number(field: str, value: float) -> float:
-    try:
-        number = float(value)
-    except (TypeError, ValueError, OverflowError):
-        number = np.nan
-    if not np.isfinite(number):
-        raise InputError(f"{field}: {shown(value)} is not a finite number.")
-    return number

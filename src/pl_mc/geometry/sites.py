@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from pl_mc.geometry.frames import geodetic
-from pl_mc.input_errors import InputError, nearest
+from pl_mc.input_errors import InputError, nearest, require_numbers, shown
 
 DEFAULT_SITE = "CUT0"
 
@@ -72,11 +72,11 @@ def site_position_m(site: str | ArrayLike) -> NDArray[np.float64]:
         if site in SITES:
             return np.array(SITES[site].position_m)
         if "," not in site:
-            raise InputError(f"site: {site!r} is unknown ({nearest(site, SITES)}; or X,Y,Z in metres).")
+            raise InputError(f"site: {shown(site)} is unknown ({nearest(site, SITES)}; or X,Y,Z in metres).")
         try:
             site = [float(part) for part in site.split(",")]
         except ValueError:
-            raise InputError(f"site: {site!r} cannot be read; a position is X,Y,Z in metres.") from None
+            raise InputError(f"site: {shown(site)} cannot be read; a position is X,Y,Z in metres.") from None
     return checked_positions_m(site, field="site", shape=(3,))
 
 
@@ -92,10 +92,7 @@ def checked_positions_m(positions_m: ArrayLike, *, field: str, shape: tuple[int 
         InputError: no numbers, another shape, numbers that are not finite, or a height outside
             -1000 m to 100 km above the ellipsoid.
     """
-    try:
-        positions = np.asarray(positions_m, dtype=float)
-    except (TypeError, ValueError):
-        raise InputError(f"{field}: it cannot be read as Earth-fixed positions in metres.") from None
+    positions = require_numbers(positions_m, field=field)
     fits = len(positions.shape) == len(shape) and all(
         got > 0 and wanted in (None, got) for got, wanted in zip(positions.shape, shape, strict=True)
     )

@@ -14,7 +14,7 @@ import jax.numpy as jnp
 import numpy as np
 from jax import Array
 
-from pl_mc.input_errors import InputError, require_positive
+from pl_mc.input_errors import InputError, require_positive, shown
 
 
 @dataclass(frozen=True)
@@ -29,8 +29,9 @@ class GaussMarkov:
 
     def __post_init__(self) -> None:
         sound = isinstance(self.tau_s, int | float | np.number) and not isinstance(self.tau_s, bool)
-        if not sound or not self.tau_s >= 0.0:
-            raise InputError(f"tau_s: a correlation time of at least 0 s is needed, not {self.tau_s!r}.")
+        # Of a whole number beyond all doubles nothing is left to compute with.
+        if not sound or not (0.0 <= self.tau_s <= 1e300 or self.tau_s == math.inf):
+            raise InputError(f"tau_s: a correlation time of at least 0 s is needed, not {shown(self.tau_s)}.")
 
     def correlation(self, interval_s: float) -> float:
         """Between samples ``interval_s`` apart."""

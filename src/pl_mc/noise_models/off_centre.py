@@ -12,7 +12,7 @@ from jax import Array
 from jax.scipy.special import ndtr
 
 from pl_mc.geometry.record import UP, Geometry
-from pl_mc.input_errors import InputError, require_choice, require_number, require_positive
+from pl_mc.input_errors import InputError, require_choice, require_number, require_numbers, require_positive, shown
 from pl_mc.kernels import LinearModel
 from pl_mc.kernels.linear_model import per_lane
 from pl_mc.noise_models.base import OneNumber, make_floats
@@ -108,13 +108,14 @@ class NominalBias(OneNumber):
     def __post_init__(self) -> None:
         require_choice(self.sign, SIGNS, field="nominal_bias: sign")
         if isinstance(self.bias_m, list | np.ndarray):
-            object.__setattr__(self, "bias_m", tuple(np.atleast_1d(self.bias_m).tolist()))
+            sizes = require_numbers(self.bias_m, field="nominal_bias: bias_m")
+            object.__setattr__(self, "bias_m", tuple(np.ravel(sizes).tolist()))
         sizes = self.bias_m if isinstance(self.bias_m, tuple) else (self.bias_m,)
         for size in sizes:
             if require_number(size, field="nominal_bias: bias_m") < 0 and self.sign != "given":
                 raise InputError(
-                    f"nominal_bias: bias_m: a size of at least 0 is needed, not {size!r}; with sign 'given' either "
-                    "sign will do."
+                    f"nominal_bias: bias_m: a size of at least 0 is needed, not {shown(size)}; with sign 'given' "
+                    "either sign will do."
                 )
         if not sizes:
             raise InputError("nominal_bias: bias_m: one number, or one for each satellite, is needed.")

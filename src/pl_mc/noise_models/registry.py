@@ -6,7 +6,7 @@ from collections.abc import Hashable
 from typing import Any
 
 from pl_mc.geometry.record import Geometry
-from pl_mc.input_errors import InputError
+from pl_mc.input_errors import InputError, shown
 from pl_mc.named import build_named
 from pl_mc.noise_models.base import Gaussian, NoiseModel
 from pl_mc.noise_models.gauss_markov import GaussMarkov
@@ -38,7 +38,7 @@ def as_noise_model(noise: str | NoiseModel, g: Geometry | None = None) -> NoiseM
         )
     # A compiled function is found again by its records, so they have to be hashable.
     if isinstance(noise, type) or not isinstance(noise, NoiseModel) or not isinstance(noise, Hashable):
-        raise InputError(f"noise: {noise!r} is no noise model (valid names: {', '.join(NOISE_MODELS)}).")
+        raise InputError(f"noise: {shown(noise)} is no noise model (valid names: {', '.join(NOISE_MODELS)}).")
     if g is not None:
         noise.require_geometry(g)
     return noise

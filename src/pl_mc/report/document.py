@@ -6,19 +6,25 @@ code by backticks and strong words by asterisks, as in Markdown, and nothing els
 
 from __future__ import annotations
 
+import re
 from collections.abc import Iterable
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Annotated, Literal
 
-from pydantic import Field, TypeAdapter, ValidationError
+from pydantic import ConfigDict, Field, TypeAdapter, ValidationError, with_config
 
-from pl_mc.input_errors import InputError
+from pl_mc.input_errors import InputError, shown
+from pl_mc.runtime.small_files import parsed_json, read_text
 from pl_mc.runtime.whole_files import write_whole
 
 DOCUMENT = "report.json"
 
+# A field that is not known is a slip, or of a later version.
+_ALL_KNOWN = ConfigDict(extra="forbid")
 
+
+@with_config(_ALL_KNOWN)
 @dataclass(frozen=True)
 class Heading:
     """A heading within the summary; level 2 is the highest."""
@@ -28,6 +34,7 @@ class Heading:
     form: Literal["heading"] = "heading"
 
 
+@with_config(_ALL_KNOWN)
 @dataclass(frozen=True)
 class Paragraph:
     """One paragraph."""
@@ -36,6 +43,7 @@ class Paragraph:
     form: Literal["paragraph"] = "paragraph"
 
 
+@with_config(_ALL_KNOWN)
 @dataclass(frozen=True)
 class Bullets:
     """A list; a list within it belongs to the item before it."""
@@ -44,6 +52,7 @@ class Bullets:
     form: Literal["bullets"] = "bullets"
 
 
+@with_config(_ALL_KNOWN)
 @dataclass(frozen=True)
 class TextTable:
     """A table of the summary, all of it text."""
@@ -63,6 +72,7 @@ Block = Annotated[Heading | Paragraph | Bullets | TextTable, Field(discriminator
 Summary = tuple[Block | str, ...]
 
 
+@with_config(_ALL_KNOWN)
 @dataclass(frozen=True)
 class Quantity:
     """One thing that a chart can show: a value with bounds, and where the count is.
@@ -82,6 +92,7 @@ class Quantity:
     is_rate: bool = True
 
 
+@with_config(_ALL_KNOWN)
 @dataclass(frozen=True)
 class Chart:
     """What of a table is drawn on the page.
@@ -104,6 +115,7 @@ class Chart:
     logarithmic: bool = False
 
 
+@with_config(_ALL_KNOWN)
 @dataclass(frozen=True)
 class TableEntry:
     """A table of the page, ``name.csv`` beside it."""
@@ -112,6 +124,7 @@ class TableEntry:
     chart: Chart | None = None
 
 
+@with_config(_ALL_KNOWN)
 @dataclass(frozen=True)
 class FigureEntry:
     """A figure of the page, ``name.png`` and mostly ``name.svg`` beside it.
@@ -127,6 +140,7 @@ class FigureEntry:
     alt: str
 
 
+@with_config(_ALL_KNOWN)
 @dataclass(frozen=True)
 class Document:
     """What a run has to say.
@@ -153,6 +167,7 @@ class Document:
     figures: tuple[FigureEntry, ...]
 
 
+_NAME = re.compile(r"[A-Za-z0-9_][\w+-]{0,99}(?:\.[\w+-]+)*")
 _FORM = TypeAdapter(Document)
 
 
@@ -170,8 +185,20 @@ def read_document(folder: Path) -> Document | None:
     path = folder / DOCUMENT
     if not path.is_file():
         return None
+    content = parsed_json(read_text(path), path=path)
     try:
-        return _FORM.validate_json(path.read_bytes())
-    except (OSError, ValidationError) as error:
-        reason = error.errors()[0]["msg"] if isinstance(error, ValidationError) else str(error)
-        raise InputError(f"{path}: it is no report of a run ({reason}).") from None
+        document = _FORM.validate_python(content)
+    except ValidationError as error:
+        first = error.errors(include_url=False, include_context=False)[0]
+        where = ".".join(map(str, first["loc"]))[:80]
+        raise InputError(f"{path}: it is no report of a run ({where}: {first['msg']}).") from None
+    named = {"kind": [document.kind], "tables": [], "figures": []}
+    named |= {field: [one.name for one in getattr(document, field)] for field in ("tables", "figures")}
+    for field, names in named.items():
+        for name in names:
+            # They become names of files beside the page.
+            if not _NAME.fullmatch(name):
+                raise InputError(f"{path}: it is no report of a run ({field}: {shown(name)} is no name).")
+        if len(set(names)) < len(names):
+            raise InputError(f"{path}: it is no report of a run ({field}: two have one name).")
+    return document

@@ -15,12 +15,15 @@ from matplotlib.axes import Axes
 from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
+from matplotlib.ticker import LogFormatter
 from numpy.typing import ArrayLike, NDArray
 from PIL import Image
 
 _LOOK: Any = {
     "svg.hashsalt": "pl_mc",
     "svg.fonttype": "none",
+    # Titles and names are texts of users and data; a dollar in them is a dollar.
+    "text.parse_math": False,
     "font.size": 9.5,
     "axes.spines.top": False,
     "axes.spines.right": False,
@@ -32,6 +35,10 @@ _LOOK: Any = {
     "axes.titlelocation": "left",
     "axes.titlesize": 10.5,
 }
+
+
+# No axis has more.
+_MOST_TICKS = 400
 
 
 @dataclass(frozen=True)
@@ -70,13 +77,32 @@ _LABELS = {"ls": "least squares (VPL)", "igg3": "IGG-III (VPL_R)"}
 _Arguments = ParamSpec("_Arguments")
 
 
+class Undrawn(Figure):
+    """What stands for a figure that could not be drawn, which costs that figure alone.
+
+    Args:
+        reason: why, within a sentence.
+    """
+
+    def __init__(self, reason: str) -> None:
+        super().__init__()
+        self.reason = reason
+
+
 def in_common_look(make: Callable[_Arguments, Figure]) -> Callable[_Arguments, Figure]:
-    """Decorator of a function that draws a figure: titles, legends and grids in the common look."""
+    """Decorator of a function that draws a figure: titles, legends and grids in the common look.
+
+    Where it cannot be drawn, whatever the reason, an `Undrawn` one stands for it: numbers that were counted for hours
+    are worth more than their picture.
+    """
 
     @functools.wraps(make)
     def wrapped(*args: _Arguments.args, **kwargs: _Arguments.kwargs) -> Figure:
         with mpl.rc_context(_LOOK):
-            return make(*args, **kwargs)
+            try:
+                return make(*args, **kwargs)
+            except Exception as error:
+                return Undrawn(_why(error))
 
     return wrapped
 
@@ -149,10 +175,43 @@ def shade(axes: Axes, windows: Sequence[tuple[float, float]], label: str | None 
         axes.axvspan(start, stop, color="0.85", linewidth=0, zorder=0.5, label=label if k == 0 else None)
 
 
-def save_figure(figure: Figure, folder: Path, name: str) -> None:
-    """``name.svg``, and ``name.png`` in 256 colours: a third of the bytes, and the eye sees no difference."""
+def save_figure(figure: Figure, folder: Path, name: str) -> str:
+    """``name.svg``, and ``name.png`` in 256 colours: a third of the bytes, and the eye sees no difference.
+
+    Returns:
+        Why the figure could not be drawn and nothing was written; empty where it was.
+    """
+    if isinstance(figure, Undrawn):
+        return figure.reason
+    try:
+        _save(figure, folder, name)
+    except OSError:
+        raise
+    except Exception as error:
+        for ending in ("svg", "png"):
+            (folder / f"{name}.{ending}").unlink(missing_ok=True)
+        return _why(error)
+    return ""
+
+
+def _why(error: Exception) -> str:
+    return f"{type(error).__name__}: {' '.join(str(error).split())[:200].rstrip('.')}"
+
+
+def _powers_as_mathematics(figure: Figure) -> None:
+    """The powers of ten of logarithmic axes are set as mathematics; no text of a user is among them."""
+    for axes in figure.axes:
+        for axis in (axes.xaxis, axes.yaxis):
+            if isinstance(axis.get_major_formatter(), LogFormatter):
+                for tick in (*axis.get_major_ticks(_MOST_TICKS), *axis.get_minor_ticks(_MOST_TICKS)):
+                    tick.label1.set_parse_math(True)
+                    tick.label2.set_parse_math(True)
+
+
+def _save(figure: Figure, folder: Path, name: str) -> None:
     picture = io.BytesIO()
     with mpl.rc_context(_LOOK):
+        _powers_as_mathematics(figure)
         figure.savefig(picture, dpi=150)
         figure.savefig(folder / f"{name}.svg", metadata={"Date": None, "Creator": None})
     with Image.open(picture) as image:

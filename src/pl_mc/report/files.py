@@ -55,15 +55,16 @@ def write_findings(
     # What a new kind of experiment gets wrong most easily, and would see only in its files.
     if isinstance(findings.summary, str) or isinstance(answer, str):
         raise TypeError(f"{kind}: summary and answer are tuples, of blocks and of sentences, not one text each")
-    # Several tables of one geometry say the same of it.
-    notes = tuple(dict.fromkeys(findings.notes))
     names = [table.name for table in findings.tables]
     if len(set(names)) < len(names):
         raise ValueError(f"{kind}: two tables have one name ({', '.join(names)})")
     for table in findings.tables:
         write_table(table.data, folder, table.name, stored=table.stored)
-    for picture in findings.pictures:
-        save_figure(picture.figure, folder, picture.name)
+    why = {picture.name: save_figure(picture.figure, folder, picture.name) for picture in findings.pictures}
+    pictures = tuple(picture for picture in findings.pictures if not why[picture.name])
+    undrawn = tuple(f"The figure {name} could not be drawn ({reason})." for name, reason in why.items() if reason)
+    # Several tables of one geometry say the same of it.
+    notes = tuple(dict.fromkeys((*findings.notes, *undrawn)))
     for name, rows in findings.rows.items():
         shutil.copytree(rows, folder / name, ignore=shutil.ignore_patterns(".*"), dirs_exist_ok=True)
     for name, text in findings.texts.items():
@@ -72,7 +73,7 @@ def write_findings(
         title=title, kind=kind, question=question, answer=answer, notes=notes, val_m=val_m,
         summary=tuple(Paragraph(block) if isinstance(block, str) else block for block in findings.summary),
         tables=tuple(TableEntry(table.name, table.chart) for table in findings.tables if table.stored != "parquet"),
-        figures=tuple(_entry(picture, title) for picture in findings.pictures),
+        figures=tuple(_entry(picture, title) for picture in pictures),
     )  # fmt: skip
     write_whole(folder / SUMMARY, to_markdown(title, document.summary, document.notes))
     write_document(document, folder)

@@ -27,6 +27,7 @@ from pl_mc.input_errors import InputError, system_reason
 from pl_mc.report.charts import charts_of
 from pl_mc.report.document import Block, FigureEntry, Heading, Paragraph
 from pl_mc.report.run_folder import RunFolder, flat_fields, value_text
+from pl_mc.runtime.whole_files import write_whole
 
 PAGE = "report.html"
 
@@ -34,6 +35,9 @@ PAGE = "report.html"
 MOST_BYTES = 2_000_000
 _LEAST_FOR_FIGURES = 300_000
 _MOST_CHART_BYTES = 500_000
+
+# Pictures that are not shown: unpacked they would fill the memory.
+_MOST_PICTURE_BYTES, _MOST_PIXELS = 20_000_000, 50_000_000
 
 # Rows of a table on a page, and cells of all of them; the files beside the page hold the rest.
 MOST_ROWS = 400
@@ -104,7 +108,7 @@ def write_page(run: RunFolder, *, meanings: Mapping[str, str], shown_as: Path | 
     """
     path = run.folder / PAGE
     try:
-        path.write_text(page_of_run(run, meanings=meanings, shown_as=shown_as or run.folder), encoding="utf-8")
+        write_whole(path, page_of_run(run, meanings=meanings, shown_as=shown_as or run.folder))
     except OSError as error:
         raise InputError(f"{path}: the page cannot be written ({system_reason(error)}).") from None
 
@@ -212,7 +216,7 @@ def page_figures(folder: Path, entries: Sequence[FigureEntry], *, most_bytes: in
     files = {
         entry: paths
         for entry in entries
-        if (paths := [path for end in _PICTURES if (path := folder / f"{entry.name}{end}").is_file()])
+        if (paths := [path for end in _PICTURES if _is_picture(path := folder / f"{entry.name}{end}")])
     }
     pictures = {
         entry: min((_address(path.read_bytes(), _PICTURES[path.suffix]) for path in paths), key=len)
@@ -229,6 +233,19 @@ def page_figures(folder: Path, entries: Sequence[FigureEntry], *, most_bytes: in
         names = tuple(path.name for path in files[entry])
         made.append(PageFigure(entry.caption, entry.alt, names, data, _size(files[entry][0])))
     return made
+
+
+def _is_picture(path: Path) -> bool:
+    """Whether a file of the folder itself, of a size that is drawn, begins like what its name says."""
+    if not path.is_file() or path.is_symlink() or path.stat().st_size > _MOST_PICTURE_BYTES:
+        return False
+    if path.suffix != ".png":
+        return True
+    try:
+        with Image.open(path) as image:
+            return image.format == "PNG" and image.width * image.height <= _MOST_PIXELS
+    except (OSError, ValueError, SyntaxError, Image.DecompressionBombError):
+        return False
 
 
 def _asset(name: str) -> str:
@@ -260,7 +277,7 @@ def _unbroken(text: str) -> str:
 
 
 def _duration(seconds: Any) -> str:
-    if not isinstance(seconds, int | float):
+    if isinstance(seconds, bool) or not isinstance(seconds, int | float) or not 0 <= seconds < 1e12:
         return "an unknown time"
     return f"{seconds:.1f} s" if seconds < 120 else f"{seconds / 60:.1f} min"
 

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-import json
+import io
 import re
 from collections.abc import Mapping
 from dataclasses import dataclass
@@ -11,14 +11,18 @@ from typing import Any
 
 import pandas as pd
 
-from pl_mc.input_errors import InputError, nearest, shown
+from pl_mc.input_errors import InputError, nearest, shown, system_reason
 from pl_mc.report.document import Document, read_document
+from pl_mc.runtime.small_files import parsed_json, read_bytes, read_text, shown_reason
 
 MANIFEST = "manifest.json"
 SUMMARY = "summary.md"
 
 # Further names are made of it, and file systems take 255 bytes.
 _LONGEST_NAME = 200
+
+# Tables of a run have a few megabytes; what is larger than this no page is made of.
+_MOST_TABLE_BYTES = 200_000_000
 
 
 @dataclass(frozen=True)
@@ -78,24 +82,26 @@ def read_run_folder(folder: Path) -> RunFolder:
         known = [one.name for one in folder.parent.iterdir()] if folder.parent.is_dir() else []
         raise InputError(f"{folder}: there is no such results folder ({nearest(folder.name, known)}).")
     try:
-        manifest = json.loads(path.read_text(encoding="utf-8"))
-        name, experiment = str(manifest["name"]), dict(manifest["experiment"])
-    except OSError:
+        text = read_text(path)
+    except FileNotFoundError:
         raise InputError(f"{folder}: it holds no finished run ({MANIFEST} is not there).") from None
-    except (ValueError, KeyError, TypeError):
-        raise InputError(f"{path}: it is no manifest of a run.") from None
+    manifest = parsed_json(text, path=path)
+    if not isinstance(manifest, dict) or not isinstance(manifest.get("experiment"), dict):
+        raise InputError(f"{path}: it is no manifest of a run.")
+    if not isinstance(manifest.get("name"), str):
+        raise InputError(f"{path}: it is no manifest of a run (name: a word is needed).")
     try:
-        text = (folder / SUMMARY).read_text(encoding="utf-8") if (folder / SUMMARY).is_file() else ""
-        tables = {file.stem: _table(file) for file in sorted(folder.glob("*.csv"))}
-    except (OSError, UnicodeDecodeError) as error:
-        raise InputError(f"{folder}: its files cannot be read ({error}).") from None
+        summary = read_text(_within(folder / SUMMARY)) if (folder / SUMMARY).exists() else ""
+        tables = {file.stem: _table(_within(file)) for file in sorted(folder.glob("*.csv"))}
+    except OSError as error:
+        raise InputError(f"{folder}: its files cannot be read ({system_reason(error)}).") from None
     figures = {file.stem for ending in ("*.png", "*.svg") for file in folder.glob(ending)}
     return RunFolder(
         folder=folder,
-        name=name,
-        experiment=experiment,
-        manifest=manifest,
-        summary=text,
+        name=manifest["name"],
+        experiment=manifest["experiment"],
+        manifest=_in_form(manifest),
+        summary=summary,
         tables=tables,
         figures=tuple(sorted(figures)),
         document=read_document(folder),
@@ -122,6 +128,28 @@ def folder_name(name: object, *, source: str) -> str:
             f"control characters, and no dot in front (nearest: {shown(plain.strip()[:40] or 'run')})."
         )
     return name
+
+
+def _in_form(manifest: dict[str, Any]) -> dict[str, Any]:
+    """The manifest as a page takes it, whatever stands in it: what is missing or of another form is left out."""
+    given = {field: manifest[field] for field in ("versions", "machine", "noise", "inputs") if field in manifest}
+    tables = {field: value if isinstance(value, dict) else {} for field, value in given.items()}
+    inputs = {
+        field: {key: str(record.get(key, "unknown")) for key in ("file", "sha256")}
+        for field, record in tables.get("inputs", {}).items()
+        if isinstance(record, dict)
+    }
+    versions = {"pl_mc": "of an unknown version"} | tables.get("versions", {})
+    notes = manifest.get("notes")
+    parts: dict[str, Any] = {"machine": {}, "noise": {}} | tables | {"inputs": inputs, "versions": versions}
+    return manifest | parts | {"notes": notes if isinstance(notes, list) else []}
+
+
+def _within(file: Path) -> Path:
+    """``file``, which no link leads out of its folder: what lies elsewhere is not a stranger's to show."""
+    if file.resolve().parent != file.parent.resolve():
+        raise InputError(f"{file}: it is a link out of the folder, and is not followed.")
+    return file
 
 
 def flat_fields(content: Any, prefix: str = "") -> dict[str, Any]:
@@ -170,8 +198,9 @@ def value_text(value: Any) -> str:
 
 
 def _table(file: Path) -> pd.DataFrame:
+    content = read_bytes(file, most_bytes=_MOST_TABLE_BYTES)
     try:
         # A fault's label "none" is a word, not a missing number.
-        return pd.read_csv(file, keep_default_na=False, na_values=[""])
-    except (ValueError, pd.errors.ParserError) as error:
-        raise InputError(f"{file}: it is no table ({' '.join(str(error).split())}).") from None
+        return pd.read_csv(io.BytesIO(content), keep_default_na=False, na_values=[""], low_memory=False)
+    except (ValueError, OverflowError, pd.errors.ParserError) as error:
+        raise InputError(f"{file}: it is no table ({shown_reason(str(error))}).") from None

@@ -7,6 +7,8 @@ import sys
 from collections.abc import Callable, Iterable, Iterator
 from typing import TypeVar
 
+from pl_mc.input_errors import require_truth
+
 Item = TypeVar("Item")
 
 
@@ -22,6 +24,8 @@ def progress_bar(
         show: whether to show it; where standard error is a terminal if None.
         each, unit: what a step does, about, for the rate: so many scenarios, say.
     """
+    if show is not None:
+        require_truth(show, field="progress")
     if not (sys.stderr.isatty() if show is None else show):
         yield lambda: None
         return

@@ -20,7 +20,7 @@ of a j-th of the starts.
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping
+from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Any
 
@@ -28,7 +28,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pl_mc.arrays import FloatArray
-from pl_mc.input_errors import InputError, plain_number, require_positive
+from pl_mc.input_errors import InputError, plain_number, require_numbers, require_within
 from pl_mc.statistics.intervals import shared_noise_bounds
 
 
@@ -66,9 +66,8 @@ class Duration:
 def as_durations(durations_s: Any, *, step_s: float, epochs: int) -> tuple[Duration, ...]:
     """Operations of this length or these; an `InputError` for one that the epochs do not hold."""
     made: list[Duration] = []
-    several = isinstance(durations_s, Iterable) and not isinstance(durations_s, str)
-    for value in durations_s if several else [durations_s]:
-        seconds = require_positive(value, field="durations_s")
+    for value in np.ravel(require_numbers(durations_s, field="durations_s")).tolist():
+        seconds = require_within(value, field="durations_s", low=1e-3, high=1e9)
         steps = seconds / step_s
         # A length that is a whole number of steps but for rounding is one.
         is_whole = round(steps) > 0 and abs(steps - round(steps)) < 1e-9 * steps

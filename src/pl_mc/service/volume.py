@@ -5,9 +5,9 @@ from __future__ import annotations
 import functools
 import math
 from collections import deque
-from collections.abc import Iterable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
-from datetime import datetime
+from datetime import date
 from pathlib import Path
 from typing import Any
 
@@ -15,13 +15,13 @@ import numpy as np
 import pandas as pd
 
 from pl_mc.alert import LPV_200, OPERATIONS, AlertLimits
-from pl_mc.arrays import FloatArray
+from pl_mc.arrays import FloatArray, ordinary_arithmetic
 from pl_mc.engine.checks import LARGEST_SEED
 from pl_mc.engine.execution import Execution, run_task
 from pl_mc.error_models import ErrorModel, as_error_model
 from pl_mc.geometry.constellations import constellation_slots
 from pl_mc.geometry.gps_time import gps_seconds
-from pl_mc.input_errors import InputError, require_choice, require_number, require_positive, require_whole
+from pl_mc.input_errors import InputError, require_choice, require_list, require_number, require_positive, require_whole
 from pl_mc.methods import Method, as_methods
 from pl_mc.noise_models import GAUSSIAN, NoiseModel, as_noise_model
 from pl_mc.runtime.precision import dtype_of
@@ -90,6 +90,7 @@ class ServiceVolume:
         return rows.nsmallest(most, "availability_rate", keep="first").reset_index(drop=True)
 
 
+@ordinary_arithmetic
 def service_volume(
     *,
     constellations: str | Sequence[str] = ("GPS", "GAL"),
@@ -97,7 +98,7 @@ def service_volume(
     step_deg: float = 5.0,
     step_s: float = 300.0,
     duration_s: float = DAY_S,
-    start: str | datetime = "2017-11-21T00:00:00",
+    start: str | date | np.datetime64 = "2017-11-21T00:00:00",
     mask_deg: float = 10.0,
     error_model: str | ErrorModel = "residual",
     methods: Sequence[str | Method] = ("ls", "igg3", "araim"),
@@ -164,7 +165,7 @@ def service_volume(
 
 def service_task(
     *, constellations: str | Sequence[str], without: str | Sequence[str], step_deg: float, step_s: float,
-    duration_s: float, start: str | datetime, mask_deg: float, error_model: str | ErrorModel,
+    duration_s: float, start: str | date | np.datetime64, mask_deg: float, error_model: str | ErrorModel,
     methods: Sequence[str | Method], operations: str | AlertLimits | Sequence[str | AlertLimits],
     durations_s: float | Sequence[float], draws: int, seed: int, noise: str | NoiseModel, precision: str,
 ) -> ServiceTask:  # fmt: skip
@@ -270,8 +271,8 @@ def require_epochs(duration_s: float, step_s: float) -> int:
 
 def as_operations(operations: Any) -> tuple[AlertLimits, ...]:
     """Names of `OPERATIONS` and alert limits, made alert limits; an `InputError` for anything else."""
-    several = isinstance(operations, Iterable) and not isinstance(operations, str)
-    given = list(operations) if several else [operations]
+    alone = isinstance(operations, str | AlertLimits)
+    given = [operations] if alone else require_list(operations, field="operations", of="names or alert limits")
     if not given:
         raise InputError(f"operations: at least one is needed (valid: {', '.join(OPERATIONS)}).")
     made: list[AlertLimits] = []

@@ -14,12 +14,12 @@ import numpy as np
 import pandas as pd
 from scipy import special
 
-from pl_mc.alert import LPV_200, AlertLimits
-from pl_mc.arrays import FloatArray
+from pl_mc.alert import LPV_200, AlertLimits, as_alert
+from pl_mc.arrays import FloatArray, ordinary_arithmetic
 from pl_mc.constants import K_VERTICAL
-from pl_mc.faults import Faults
-from pl_mc.geometry.record import Geometry
-from pl_mc.input_errors import InputError, require_choice, require_number
+from pl_mc.faults import Faults, require_faults
+from pl_mc.geometry.record import Geometry, require_geometry
+from pl_mc.input_errors import require_choice, require_within
 from pl_mc.statistics.least_squares import fault_effects, ls_quantities
 from pl_mc.statistics.noncentral import joint_exceedance, split_at_threshold
 from pl_mc.statistics.student import chi2_threshold
@@ -28,11 +28,12 @@ PL_ALARM, CHI2_ALARM = "pl", "chi2"
 RATE_COLUMNS = ("alarm_rate", "hazard_rate", "missed_rate", "misleading_rate", "exceeded_rate", "false_alarm_rate")
 
 
+@ordinary_arithmetic
 def ls_rates(
     g: Geometry,
     faults: Faults,
     *,
-    alert: AlertLimits = LPV_200,
+    alert: str | AlertLimits = LPV_200,
     k_vertical: float = K_VERTICAL,
     alarm: Literal["pl", "chi2"] = "pl",
     p_fa: float = 1e-3,
@@ -68,11 +69,9 @@ def ls_rates(
         InputError: faults of another geometry, an unknown alarm, a factor or probability outside its range.
     """
     require_choice(alarm, (PL_ALARM, CHI2_ALARM), field="alarm")
-    if not isinstance(faults, Faults) or not isinstance(alert, AlertLimits):
-        wrong = "faults: faults" if not isinstance(faults, Faults) else "alert: alert limits"
-        raise InputError(f"{wrong} made by this package are needed, such as pl_mc.no_fault(g) and pl_mc.LPV_200.")
-    if not 0.0 < require_number(k_vertical, field="k_vertical") < np.inf:
-        raise InputError(f"k_vertical: a factor of a protection level is positive and finite, not {k_vertical!r}.")
+    require_geometry(g)
+    require_faults(faults).require_geometry(g)
+    alert, k_vertical = as_alert(alert), require_within(k_vertical, field="k_vertical", low=1e-6, high=1e6)
     quantities = ls_quantities(g)
     effects = fault_effects(g, faults, quantities)
     series = g.as_series()

@@ -12,9 +12,19 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 from scipy import special
 
-from pl_mc.input_errors import InputError, require_fraction
+from pl_mc.arrays import ordinary_arithmetic
+from pl_mc.input_errors import require_fraction, require_one_shape, require_true
+
+# Beyond this a count is no longer a whole number that a double holds.
+MOST_DRAWS = 2**53
+
+# A bound is taken where its tail is what it should be to this share, else halved down within exp(this) of the rate.
+_CLOSE = 1e-6
+_LOG_REACH = 80.0
+_HALVINGS = 64
 
 
+@ordinary_arithmetic
 def clopper_pearson(
     events: ArrayLike, draws: ArrayLike, confidence: float = 0.95
 ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
@@ -35,7 +45,8 @@ def clopper_pearson(
     Raises:
         InputError: counts that are negative, not whole or more than the draws; a confidence outside (0, 1).
     """
-    count, total = _require_counts(events, draws)
+    count, total = require_one_shape(events=events, draws=draws)
+    _require_events(count, total)
     return _beta_bounds(count, total, confidence)
 
 
@@ -44,6 +55,7 @@ def rate_columns(name: str, rate: Any, low: Any, high: Any) -> dict[str, Any]:
     return {f"{name}_rate": rate, f"{name}_low": low, f"{name}_high": high}
 
 
+@ordinary_arithmetic
 def shared_noise_bounds(
     rate: ArrayLike, independent_draws: ArrayLike, confidence: float = 0.95
 ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
@@ -60,13 +72,13 @@ def shared_noise_bounds(
         independent_draws: (...), number of independent noise draws behind it.
         confidence: as for `clopper_pearson`.
     """
-    mean, total = np.broadcast_arrays(np.asarray(rate, dtype=float), np.asarray(independent_draws, dtype=float))
-    if not ((mean >= 0.0) & (mean <= 1.0)).all():
-        raise InputError("rate: a rate lies between 0 and 1.")
-    _require_counts(0, total)
+    mean, total = require_one_shape(rate=rate, independent_draws=independent_draws)
+    _require_rates(mean, field="rate")
+    _require_counts(total, field="independent_draws")
     return _beta_bounds(mean * total, total, confidence)
 
 
+@ordinary_arithmetic
 def wilson(
     events: ArrayLike, draws: ArrayLike, confidence: float = 0.95
 ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
@@ -84,9 +96,8 @@ def wilson(
         InputError: fewer than no events, more than draws, or a confidence outside (0, 1).
     """
     require_fraction(confidence, field="confidence")
-    count, total = np.broadcast_arrays(np.asarray(events, dtype=float), np.asarray(draws, dtype=float))
-    if not ((count >= 0) & (count <= total) & np.isfinite(total)).all():
-        raise InputError("events: there are no fewer than 0 and no more than draws.")
+    count, total = require_one_shape(events=events, draws=draws)
+    _require_within(count, total)
     z2 = special.ndtri(0.5 + confidence / 2.0) ** 2
     some = np.maximum(total, np.finfo(float).tiny)
     rate = count / some
@@ -98,6 +109,7 @@ def wilson(
     return low, high
 
 
+@ordinary_arithmetic
 def difference_bounds(
     first_events: ArrayLike,
     first_draws: ArrayLike,
@@ -120,8 +132,10 @@ def difference_bounds(
     """
     first_low, first_high = wilson(first_events, first_draws, confidence)
     second_low, second_high = wilson(second_events, second_draws, confidence)
-    first = np.asarray(first_events, dtype=float) / np.maximum(np.asarray(first_draws, dtype=float), 1e-300)
-    second = np.asarray(second_events, dtype=float) / np.maximum(np.asarray(second_draws, dtype=float), 1e-300)
+    first, second = (
+        np.asarray(events, dtype=float) / np.maximum(np.asarray(draws, dtype=float), 1e-300)
+        for events, draws in ((first_events, first_draws), (second_events, second_draws))
+    )
     difference = second - first
     low = difference - np.hypot(second - second_low, first_high - first)
     high = difference + np.hypot(second_high - second, first - first_low)
@@ -136,14 +150,44 @@ def _beta_bounds(
     half = (1.0 - confidence) / 2.0
     other = total - count
     # The beta function has no zero parameter: those counts get their closed forms below.
-    low = special.betaincinv(np.where(count > 0, count, 1.0), other + 1.0, half)
-    high = special.betainccinv(count + 1.0, np.where(other > 0, other, 1.0), half)
-    some = np.maximum(total, 1.0)
+    some_count, some_other, some = (
+        np.where(count > 0, count, 1.0),
+        np.where(other > 0, other, 1.0),
+        np.maximum(total, 1.0),
+    )
+    low = special.betaincinv(some_count, other + 1.0, half)
+    low = _where_it_is(low, special.betainc, some_count, other + 1.0, half, -_LOG_REACH, 0.0)
+    high = special.betainccinv(count + 1.0, some_other, half)
+    high = _where_it_is(high, special.betaincc, count + 1.0, some_other, half, 0.0, _LOG_REACH)
     low = np.where(other == 0, np.exp(np.log(half) / some), low)
     high = np.where(count == 0, -np.expm1(np.log(half) / some), high)
     return np.where(count == 0, 0.0, low), np.where(other == 0, 1.0, high)
 
 
+def _where_it_is(
+    found: NDArray[np.float64], tail: Any, a: NDArray[np.float64], b: NDArray[np.float64], half: float,
+    below: float, above: float,
+) -> NDArray[np.float64]:  # fmt: skip
+    """``found``, the bounds at which ``tail`` is ``half``; halved down in log p where it is not that there.
+
+    The library's inverses are NaN or off from some 1e12 draws on, and at 1000 events earlier: by a factor of 30.
+    """
+    found = np.array(found)
+    wrong = ~(np.abs(tail(a, b, found) - half) <= _CLOSE * half)
+    if wrong.any():
+        a, b = a[wrong], b[wrong]
+        middle = np.log(a / (a + b))
+        low, high = middle + below, np.minimum(middle + above, 0.0)
+        falls = tail is special.betaincc
+        for _ in range(_HALVINGS):
+            middle = (low + high) / 2.0
+            short = (tail(a, b, np.exp(middle)) < half) != falls
+            low, high = np.where(short, middle, low), np.where(short, high, middle)
+        found[wrong] = np.exp(high)
+    return found
+
+
+@ordinary_arithmetic
 def binomial_p_value(events: ArrayLike, draws: ArrayLike, probability: ArrayLike) -> NDArray[np.float64]:
     """How surprising a count is where the rate is known: twice the smaller tail of the binomial, 1 at the most.
 
@@ -159,10 +203,9 @@ def binomial_p_value(events: ArrayLike, draws: ArrayLike, probability: ArrayLike
     Raises:
         InputError: counts that do not fit each other, or a probability outside [0, 1].
     """
-    count, total = _require_counts(events, draws)
-    rate = np.asarray(probability, dtype=float)
-    if not ((rate >= 0.0) & (rate <= 1.0)).all():
-        raise InputError("probability: a rate lies between 0 and 1.")
+    count, total, rate = require_one_shape(events=events, draws=draws, probability=probability)
+    _require_events(count, total)
+    _require_rates(rate, field="probability")
     other = total - count
     # P(X >= k) = I_p(k, n-k+1) and P(X <= k) = 1 - I_p(k+1, n-k); the complement by its own function, since a
     # difference from 1 would lose the tail.
@@ -171,15 +214,22 @@ def binomial_p_value(events: ArrayLike, draws: ArrayLike, probability: ArrayLike
     return np.minimum(1.0, 2.0 * np.minimum(at_least, at_most))
 
 
-def _require_counts(events: ArrayLike, draws: ArrayLike) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-    """Both counts as floats of one shape."""
-    try:
-        count, total = np.broadcast_arrays(np.asarray(events, dtype=float), np.asarray(draws, dtype=float))
-    except (TypeError, ValueError) as error:
-        raise InputError(f"events, draws: they cannot be read as counts of one shape ({error}).") from None
-    for name, value in (("events", count), ("draws", total)):
-        if not (np.isfinite(value) & (value >= 0) & (value == np.floor(value))).all():
-            raise InputError(f"{name}: a count is a whole number and not negative.")
-    if (count > total).any():
-        raise InputError("events: there cannot be more events than draws.")
-    return count, total
+def _require_rates(rate: NDArray[np.float64], *, field: str) -> None:
+    require_true((rate >= 0.0) & (rate <= 1.0), field=field, rule="a rate lies between 0 and 1", of=rate)
+
+
+def _require_counts(count: NDArray[np.float64], *, field: str) -> None:
+    valid = (count >= 0) & (count <= MOST_DRAWS) & (count == np.floor(count))
+    require_true(valid, field=field, rule=f"a count is a whole number from 0 to {MOST_DRAWS}", of=count)
+
+
+def _require_events(count: NDArray[np.float64], total: NDArray[np.float64]) -> None:
+    _require_counts(total, field="draws")
+    _require_counts(count, field="events")
+    _require_within(count, total)
+
+
+def _require_within(count: NDArray[np.float64], total: NDArray[np.float64]) -> None:
+    require_true((total >= 0) & (total <= MOST_DRAWS), field="draws", rule=f"there are up to {MOST_DRAWS}", of=total)
+    rule = "there are no fewer than 0, and there cannot be more events than draws"
+    require_true((count >= 0) & (count <= total), field="events", rule=rule, of=count)

@@ -11,9 +11,9 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from pl_mc.arrays import FloatArray
-from pl_mc.faults import Faults
-from pl_mc.geometry.record import EAST, NORTH, POSITION_UNKNOWNS, UP, Geometry
+from pl_mc.arrays import FloatArray, ordinary_arithmetic
+from pl_mc.faults import Faults, require_faults
+from pl_mc.geometry.record import EAST, NORTH, POSITION_UNKNOWNS, UP, Geometry, require_geometry
 
 # Pairs of epoch and fault whose biases are spread over rows at once.
 _BLOCK = 65536
@@ -61,6 +61,7 @@ class FaultEffects:
     noncentrality: FloatArray
 
 
+@ordinary_arithmetic
 def ls_quantities(g: Geometry) -> LsQuantities:
     """DOPs, vertical gains and redundancy of least squares with weights P = diag(1/sigma^2).
 
@@ -70,7 +71,7 @@ def ls_quantities(g: Geometry) -> LsQuantities:
     Args:
         g: the geometry, one epoch or a series.
     """
-    seen = np.asarray(g.in_view)
+    seen = np.asarray(require_geometry(g).in_view)
     root_weight = np.where(seen, 1.0 / np.asarray(g.sigma_m), 0.0)
     whitened = np.where(seen[..., None], np.asarray(g.design), 0.0) * root_weight[..., None]
     left, values, right = np.linalg.svd(whitened, full_matrices=False)
@@ -100,6 +101,7 @@ def ls_quantities(g: Geometry) -> LsQuantities:
     )
 
 
+@ordinary_arithmetic
 def fault_effects(g: Geometry, faults: Faults, quantities: LsQuantities | None = None) -> FaultEffects:
     """Mean vertical error and noncentrality of V'PV under each fault, where all of its satellites are in view.
 
@@ -114,6 +116,8 @@ def fault_effects(g: Geometry, faults: Faults, quantities: LsQuantities | None =
     Raises:
         InputError: faults made for another geometry.
     """
+    require_geometry(g)
+    require_faults(faults)
     series = g.as_series()
     quantities = ls_quantities(g) if quantities is None else quantities
     rows = series.sigma_m.shape[-1]

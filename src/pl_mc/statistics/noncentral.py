@@ -16,8 +16,8 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 from scipy import special
 
-from pl_mc.arrays import FloatArray
-from pl_mc.input_errors import InputError
+from pl_mc.arrays import FloatArray, ordinary_arithmetic
+from pl_mc.input_errors import require_one_shape, require_true
 
 # Beyond this many standard deviations a normal density is below the smallest double.
 _REACH = 40.0
@@ -33,19 +33,27 @@ _NODES_PER_PANEL = 16
 # Pairs of epoch and fault that are integrated at once: arrays of a few megabytes.
 _BLOCK = 4096
 
+# With more degrees of freedom the Bessel function of the density would fall below the smallest double; beyond the
+# others neighbouring doubles are too far apart for an integral over them, or their products overflow.
+_MOST_DOF = 300
+_MOST_NONCENTRALITY = 1e16
+_MOST_SHIFT = 1e9
+_MOST_SLOPE = 1e150
+
 _SERIES_BELOW = 2.0
 _SERIES_TERMS = 14
 _ASYMPTOTIC_ABOVE = 1e4
 _ASYMPTOTIC_TERMS = 12
 
 
+@ordinary_arithmetic
 def split_at_threshold(threshold: ArrayLike, dof: ArrayLike, noncentrality: ArrayLike) -> tuple[FloatArray, FloatArray]:
     """P(Y <= threshold) and P(Y > threshold) of a noncentral chi-square Y.
 
     Args:
         threshold: (...), not negative; may be infinite.
-        dof: (...), degrees of freedom, at least 1.
-        noncentrality: (...), sum of squared means, not negative; 0 is the central chi-square.
+        dof: (...), degrees of freedom, 1 to 300.
+        noncentrality: (...), sum of squared means, 0 (the central chi-square) to 1e16.
 
     Returns:
         Two arrays (...), each with a relative error below 1e-10 down to 1e-290 (noncentrality up to 1e8), and
@@ -59,6 +67,7 @@ def split_at_threshold(threshold: ArrayLike, dof: ArrayLike, noncentrality: Arra
     return np.where(rare_above, 1.0 - above, below), np.where(rare_above, above, 1.0 - below)
 
 
+@ordinary_arithmetic
 def joint_exceedance(
     threshold: ArrayLike, dof: ArrayLike, noncentrality: ArrayLike, slope: ArrayLike, shift: ArrayLike
 ) -> tuple[FloatArray, FloatArray]:
@@ -140,10 +149,10 @@ def _integrate_both_sides(
     with_error: bool,
 ) -> tuple[FloatArray, FloatArray]:
     """The integrals below and above the threshold, block by block over the flattened arguments."""
-    arrays = [np.asarray(value, dtype=float) for value in (threshold, dof, noncentrality, slope, shift)]
+    arrays = require_one_shape(threshold=threshold, dof=dof, noncentrality=noncentrality, slope=slope, shift=shift)
     _require_ranges(*arrays[:3], slope=arrays[3] if with_error else np.ones(()), shift=arrays[4])
-    shape = np.broadcast_shapes(*(value.shape for value in arrays))
-    flat = [np.broadcast_to(value, shape).reshape(-1) for value in arrays]
+    shape = arrays[0].shape
+    flat = [value.reshape(-1) for value in arrays]
     sides = np.zeros((2, flat[0].size))
     for start in range(0, flat[0].size, _BLOCK):
         block = slice(start, start + _BLOCK)
@@ -219,10 +228,14 @@ def _require_ranges(
 ) -> None:
     for name, value, valid, rule in (
         ("threshold", threshold, threshold >= 0.0, "it is not negative"),
-        ("dof", dof, np.isfinite(dof) & (dof >= 1.0), "at least one degree of freedom is needed"),
-        ("noncentrality", noncentrality, np.isfinite(noncentrality) & (noncentrality >= 0.0), "it is not negative"),
-        ("slope", slope, np.isfinite(slope) & (slope > 0.0), "it is positive"),
-        ("shift", shift, np.isfinite(shift), "it is finite"),
+        ("dof", dof, (dof >= 1.0) & (dof <= _MOST_DOF), f"degrees of freedom from 1 to {_MOST_DOF} are needed"),
+        (
+            "noncentrality",
+            noncentrality,
+            (noncentrality >= 0.0) & (noncentrality <= _MOST_NONCENTRALITY),
+            f"a number from 0 to {_MOST_NONCENTRALITY:g} is needed",
+        ),
+        ("slope", slope, (slope >= 1.0 / _MOST_SLOPE) & (slope <= _MOST_SLOPE), "a positive, finite number is needed"),
+        ("shift", shift, np.abs(shift) <= _MOST_SHIFT, f"a number of at most {_MOST_SHIFT:g} is needed"),
     ):
-        if not valid.all():
-            raise InputError(f"{name}: {rule}, and {value[~valid].flat[0]} is not valid.")
+        require_true(valid, field=name, rule=rule, of=value)

@@ -12,9 +12,9 @@ import pandas as pd
 from numpy.typing import NDArray
 from scipy import optimize, special
 
-from pl_mc.arrays import FloatArray
-from pl_mc.geometry.record import Geometry
-from pl_mc.input_errors import InputError, require_fraction
+from pl_mc.arrays import FloatArray, ordinary_arithmetic
+from pl_mc.geometry.record import SYSTEM_NAMES, Geometry, require_geometry
+from pl_mc.input_errors import InputError, require_choice, require_fraction, shown
 from pl_mc.kernels.linear_model import REDUNDANCY_FLOOR
 from pl_mc.statistics.least_squares import ls_quantities
 
@@ -22,6 +22,7 @@ from pl_mc.statistics.least_squares import ls_quantities
 _NO_EFFECT = 1e-12
 
 
+@ordinary_arithmetic
 def reliability(g: Geometry, p_fa: float = 1e-3, power: float = 0.8) -> pd.DataFrame:
     """Internal and external reliability of every satellite in view, for one alternative hypothesis at a time.
 
@@ -45,7 +46,7 @@ def reliability(g: Geometry, p_fa: float = 1e-3, power: float = 0.8) -> pd.DataF
         InputError: a probability outside (0, 1), or a power that is not above ``p_fa``.
     """
     shift = noncentral_shift(p_fa, power)
-    series = g.as_series()
+    series = require_geometry(g).as_series()
     quantities = ls_quantities(series)
     determined = ~np.isnan(quantities.vdop_m)[:, None]
     redundancy = np.where(determined, np.clip(quantities.redundancy, 0.0, 1.0), np.nan)
@@ -70,6 +71,7 @@ def reliability(g: Geometry, p_fa: float = 1e-3, power: float = 0.8) -> pd.DataF
     )
 
 
+@ordinary_arithmetic
 def reliability_matrix(g: Geometry) -> FloatArray:
     """R = Qvv P = I - A N^-1 A'P, (..., n, n), with which V = A dX - L = -R e (Guo et al. 2022, eqs 7-8).
 
@@ -88,6 +90,7 @@ def reliability_matrix(g: Geometry) -> FloatArray:
     return np.where(np.isnan(quantities.vdop_m)[..., None, None], np.nan, matrix)
 
 
+@ordinary_arithmetic
 def noncentral_shift(p_fa: float = 1e-3, power: float = 0.8) -> float:
     """delta0: the mean at which a two-sided test of a normal variable of unit variance has that power.
 
@@ -97,10 +100,10 @@ def noncentral_shift(p_fa: float = 1e-3, power: float = 0.8) -> float:
         InputError: a probability outside (0, 1), or a power that is not above ``p_fa``, which every mean has.
     """
     if require_fraction(power, field="power") <= require_fraction(p_fa, field="p_fa"):
-        raise InputError(f"power: it lies above p_fa ({p_fa:g}), which a test has without any bias, not {power!r}.")
+        raise InputError(f"power: it lies above p_fa ({p_fa:g}), which a test has without a bias, not {shown(power)}.")
     limit = -special.ndtri(p_fa / 2.0)
     if not np.isfinite(limit):
-        raise InputError(f"p_fa: {p_fa!r} is too small to compute with.")
+        raise InputError(f"p_fa: {shown(p_fa)} is too small to compute with.")
 
     def excess(shift: float) -> float:
         return float(special.ndtr(shift - limit) + special.ndtr(-shift - limit) - power)
@@ -108,17 +111,19 @@ def noncentral_shift(p_fa: float = 1e-3, power: float = 0.8) -> float:
     return float(optimize.brentq(excess, 0.0, limit + 40.0, xtol=1e-14, rtol=1e-14))
 
 
+@ordinary_arithmetic
 def least_detectable(g: Geometry, *, system: str | None = None) -> NDArray[np.int64]:
     """(...), row of the satellite with the largest MDB at each epoch, of one system where ``system`` names it.
 
     The order of the satellites by MDB is that of sigma_i / sqrt(r_i): it depends on no probability. Satellites that
     nothing checks do not count: no test of residuals can find their fault. -1 where no satellite is left.
     """
-    series = g.as_series()
+    series = require_geometry(g).as_series()
     quantities = ls_quantities(series)
     letters = np.array(series.systems)[series.satellite]
     counted = series.in_view & (quantities.redundancy >= REDUNDANCY_FLOOR) & ~np.isnan(quantities.vdop_m)[:, None]
     if system is not None:
+        require_choice(system, SYSTEM_NAMES, field="system")
         counted &= letters == system
     size = np.where(counted, series.sigma_m / np.sqrt(np.where(counted, quantities.redundancy, 1.0)), -np.inf)
     row = np.where(counted.any(axis=1), size.argmax(axis=1), -1)

@@ -11,10 +11,12 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 from scipy import stats
 
+from pl_mc.arrays import ordinary_arithmetic
 from pl_mc.constants import K_VERTICAL
-from pl_mc.input_errors import InputError, require_fraction
+from pl_mc.input_errors import require_fraction, require_numbers, require_positive, require_true
 
 
+@ordinary_arithmetic
 def fault_free_exceeded(dof: ArrayLike, k_vertical: float = K_VERTICAL) -> NDArray[np.float64]:
     """Fault-free P(|vertical error| > VPL) of least squares, 2 T_dof(-k), alarm or not.
 
@@ -29,11 +31,10 @@ def fault_free_exceeded(dof: ArrayLike, k_vertical: float = K_VERTICAL) -> NDArr
     Returns:
         (...), probabilities.
     """
-    if not k_vertical > 0.0:
-        raise InputError(f"k_vertical: a factor of a protection level is positive, not {k_vertical!r}.")
-    return np.asarray(2.0 * stats.t.sf(k_vertical, _require_dof(dof)))
+    return np.asarray(2.0 * stats.t.sf(require_positive(k_vertical, field="k_vertical"), _require_dof(dof)))
 
 
+@ordinary_arithmetic
 def student_factor(dof: ArrayLike, risk: float = 1e-7) -> NDArray[np.float64]:
     """The factor of m VDOP that a fault-free vertical error exceeds with probability ``risk``, both signs together.
 
@@ -47,6 +48,7 @@ def student_factor(dof: ArrayLike, risk: float = 1e-7) -> NDArray[np.float64]:
     return np.asarray(stats.t.isf(require_fraction(risk, field="risk") / 2.0, _require_dof(dof)))
 
 
+@ordinary_arithmetic
 def chi2_threshold(dof: ArrayLike, p_fa: float = 1e-3) -> NDArray[np.float64]:
     """The value that a fault-free V'PV exceeds with probability ``p_fa``: central chi-square, (...), unitless.
 
@@ -58,7 +60,7 @@ def chi2_threshold(dof: ArrayLike, p_fa: float = 1e-3) -> NDArray[np.float64]:
 
 
 def _require_dof(dof: ArrayLike) -> NDArray[np.float64]:
-    value = np.asarray(dof, dtype=float)
-    if not (np.isfinite(value) & (value >= 1.0)).all():
-        raise InputError("dof: at least one degree of freedom is needed, and a finite number of them.")
+    value = require_numbers(dof, field="dof")
+    rule = "at least one degree of freedom is needed, and a finite number of them"
+    require_true(np.isfinite(value) & (value >= 1.0), field="dof", rule=rule, of=value)
     return value

@@ -26,7 +26,7 @@ _FOLDERS = {
 }
 
 # What experiments of kinds that have become an option of another one say today.
-_FORMER = {"map": {"kind": "sweep", "view": "map"}, "satellite-ramps": {"kind": "sweep", "view": "satellites"}}
+FORMER = {"map": {"kind": "sweep", "view": "map"}, "satellite-ramps": {"kind": "sweep", "view": "satellites"}}
 
 
 class Registry(Mapping[str, Study]):
@@ -62,7 +62,7 @@ def in_todays_words(content: Mapping[str, Any]) -> dict[str, Any]:
 
     With a view beside it a former kind is no experiment of that version, and stays as it is, to be refused.
     """
-    former = {} if "view" in content else _FORMER.get(str(content.get("kind")), {})
+    former = {} if "view" in content else FORMER.get(str(content.get("kind")), {})
     return dict(content) | former
 
 

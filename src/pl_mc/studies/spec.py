@@ -3,28 +3,77 @@
 from __future__ import annotations
 
 import dataclasses
+import datetime
+import math
+import re
+import typing
 from collections.abc import Mapping
 from pathlib import Path
 from typing import Annotated, Any, Literal
 
 import numpy as np
 from numpy.typing import NDArray
-from pydantic import BaseModel, ConfigDict, Discriminator, Field, Tag
+from pydantic import (
+    AfterValidator,
+    BaseModel,
+    ConfigDict,
+    Discriminator,
+    Field,
+    Tag,
+    ValidationInfo,
+    field_validator,
+    model_validator,
+)
+from pydantic_core import PydanticCustomError
 
 from pl_mc.alert import BY_NAME, AlertLimits
-from pl_mc.engine.checks import LARGEST_SEED
+from pl_mc.engine.checks import LARGEST_DRAWS, LARGEST_SEED
 from pl_mc.error_models import ErrorModel, error_model
 from pl_mc.faults import Faults, biases, no_fault, ramps
 from pl_mc.geometry import Geometry, redundancy_numbers, simulate
-from pl_mc.input_errors import InputError, nearest, require_choice
+from pl_mc.geometry.record import SYSTEM_NAMES
+from pl_mc.input_errors import InputError, nearest, require_choice, shown
 from pl_mc.methods import Method, as_methods, method
 from pl_mc.noise_models import NoiseModel, noise_model
+
+# Satellites that a system's names can number.
+_MOST_SATELLITES = {"G": 32, "R": 27, "E": 36, "C": 63}
+
+_NUMBERS = (int, float, int | None, float | None)
 
 
 class Strict(BaseModel):
     """A record of an experiment file; unknown fields are errors, values do not change."""
 
     model_config = ConfigDict(extra="forbid", frozen=True)
+
+    @field_validator("*", mode="before")
+    @classmethod
+    def _in_one_form(cls, value: Any, info: ValidationInfo) -> Any:
+        """One rule for numbers, dates and names wherever they stand, that of functions."""
+        field = str(info.field_name)
+        form = cls.model_fields[field].annotation
+        if form in _NUMBERS:
+            if isinstance(value, str | bool):
+                raise PydanticCustomError("number", "a number is needed")
+            counted = form in (int, int | None)
+            most = LARGEST_DRAWS if counted and "draws" in field else 2**63 if counted else 10**300
+            if isinstance(value, int | float) and abs(value) > most and value not in (math.inf, -math.inf):
+                raise PydanticCustomError(
+                    "number", f"a {'whole ' * counted}number of at most {most if counted else 1e300} is needed"
+                )
+        if form is str and isinstance(value, datetime.date):
+            return value.isoformat()
+        if isinstance(value, str) and typing.get_origin(form) is tuple:
+            # One name may stand alone, but not several in one word.
+            value = (value,)
+        if field == "systems" and isinstance(value, list | tuple):
+            for one in value:
+                if isinstance(one, str) and len(one) > 1 and set(one) <= {*SYSTEM_NAMES, ",", " "}:
+                    letters = [letter for letter in one if letter in SYSTEM_NAMES]
+                    right = f"{','.join(letters)} on the command line, {letters} in a file"
+                    raise PydanticCustomError("systems", f"no system is called {one}; the form is {right}")
+        return value
 
 
 class SimulatedGeometry(Strict):
@@ -88,12 +137,28 @@ class ReceiverFiles(Strict):
         return error_model(self.error_model, **self.error_options)
 
 
+def _each_once(names: tuple[str, ...]) -> tuple[str, ...]:
+    twice = [name for name in names if names.count(name) > 1]
+    if twice:
+        raise PydanticCustomError("twice", "each is named once, and {name} is there twice", {"name": twice[0]})
+    return names
+
+
+# Names of which each counts once.
+Distinct = Annotated[tuple[str, ...], AfterValidator(_each_once)]
+
+
 class NamedChoice(Strict):
     """Something by name; every further field is an option of it."""
 
     model_config = ConfigDict(extra="allow", frozen=True)
 
     name: str
+
+    @model_validator(mode="before")
+    @classmethod
+    def _name_alone(cls, given: Any) -> Any:
+        return {"name": given} if isinstance(given, str) else given
 
     @property
     def options(self) -> dict[str, Any]:
@@ -167,6 +232,7 @@ class RampFaults(Strict):
         """The faults, and a sentence about the satellite."""
         name, why = self.satellite, "as asked for"
         if name not in g.names and self.otherwise is not None:
+            require_existing(name, g)
             name = median_redundancy_satellite(g, system=self.satellite[:1])
             why = f"{self.satellite} is out of view; {name} has the median redundancy number of its system"
         faults = ramps(g, satellites=[name], start_m=self.start_m, stop_m=self.stop_m, step_m=self.step_m)
@@ -218,6 +284,16 @@ def epochs_at(g: Geometry, places: NDArray[np.int64]) -> Geometry:
     """The epochs of these places in a series, which need not follow each other."""
     by_epoch = ("design", "sigma_m", "in_view", "satellite", "epoch", "time_gps_s")
     return dataclasses.replace(g, **{name: getattr(g, name)[places] for name in by_epoch})
+
+
+def require_existing(name: str, g: Geometry) -> None:
+    """Raise `InputError` for the name of a satellite that no constellation has: a slip, and not one out of view."""
+    found = re.fullmatch(r"([A-Z])(\d\d)", name)
+    if found is None or not 1 <= int(found[2]) <= _MOST_SATELLITES.get(found[1], 0):
+        known = [
+            f"{letter}{k:02d}" for letter in sorted(set(g.systems)) for k in range(1, _MOST_SATELLITES[letter] + 1)
+        ]
+        raise InputError(f"satellite: {shown(name)} is no satellite that exists ({nearest(name, known)}).")
 
 
 def median_redundancy_satellite(g: Geometry, *, system: str) -> str:

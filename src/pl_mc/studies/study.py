@@ -3,11 +3,12 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from typing import Any, Protocol
 
 import pandas as pd
 
+from pl_mc.alert import horizontal_note
 from pl_mc.engine import Execution
 from pl_mc.geometry import Geometry
 from pl_mc.input_errors import InputError
@@ -68,6 +69,7 @@ class Study:
         beside: ``beside(experiment)``, what a run costs beside its sweeps.
         checks: what the kind asks for besides what its record and a geometry can tell; ``checks(record, g)`` with
             no geometry where there is none or an unsound one.
+        horizontal: whether horizontal errors and levels are judged too; where not, a note says so.
         outline: fields of a file to begin with, for a kind of which no experiment comes with the package.
     """
 
@@ -79,11 +81,18 @@ class Study:
     work: Callable[[Any], Work] | None = None
     beside: Callable[[Any], Work] | None = None
     checks: Checks = no_checks
+    horizontal: bool = False
     outline: Mapping[str, Any] = field(default_factory=dict)
 
     def __post_init__(self) -> None:
         if self.sweeps is None and self.work is None:
             raise TypeError(f"{self.model.__name__}: a study without sweeps says what it costs.")
+
+    def found(self, experiment: Any, execution: Execution) -> Findings:
+        """What a run finds, with what it does not judge among its notes."""
+        findings = self.run(experiment, execution)
+        further = () if self.horizontal else (horizontal_note(experiment.alert_limits()),)
+        return replace(findings, notes=(*findings.notes, *further))
 
     def asks(self, experiment: Experiment) -> str:
         """What an experiment of this kind asks, in a sentence."""

@@ -5,15 +5,18 @@ from __future__ import annotations
 import math
 import types
 import typing
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
 
 from pydantic import BaseModel, ValidationError
 
-from pl_mc.input_errors import InputError, nearest
+from pl_mc.input_errors import InputError, nearest, shown
 from pl_mc.report.run_folder import flat_fields
 from pl_mc.studies.spec import Experiment
+
+# So many problems are told, and so many more counted.
+MOST_TOLD = 50
 
 
 @dataclass(frozen=True)
@@ -28,8 +31,14 @@ def validated(model: type[Experiment], content: Mapping[str, Any], *, source: st
     """The record of an experiment's fields; an `InputError` names every wrong one."""
     problems = problems_of(model, content)
     if problems:
-        raise InputError("\n".join(f"{source}: {problem.field}: {problem.reason}" for problem in problems))
+        raise InputError(told_lines([f"{source}: {problem.field}: {problem.reason}" for problem in problems]))
     return model.model_validate(content)
+
+
+def told_lines(lines: Sequence[str]) -> str:
+    """A line for each problem, as many as anyone reads."""
+    more = [f"And {len(lines) - MOST_TOLD} more."] if len(lines) > MOST_TOLD else []
+    return "\n".join([*lines[:MOST_TOLD], *more])
 
 
 def problems_of(model: type[Experiment], content: Mapping[str, Any]) -> list[FieldProblem]:
@@ -44,7 +53,10 @@ def problems_of(model: type[Experiment], content: Mapping[str, Any]) -> list[Fie
         model.model_validate(content)
     except ValidationError as error:
         named = {one.field for one in problems}
-        problems += [one for item in error.errors() if (one := _problem(model, item)).field not in named]
+        # What is close to a wrong name is searched for, which takes its time.
+        found = error.errors(include_url=False, include_context=False)
+        problems += [one for item in found[: 4 * MOST_TOLD] if (one := _problem(model, item)).field not in named]
+        problems += [FieldProblem("", "it is wrong too.")] * max(0, len(found) - 4 * MOST_TOLD)
     return problems
 
 
@@ -54,13 +66,13 @@ def _problem(model: type[BaseModel], error: Mapping[str, Any]) -> FieldProblem:
     last = str(error["loc"][-1]) if error["loc"] else ""
     if error["type"] == "extra_forbidden" or not last[:1].isupper():
         names.append(last)
-    field = ".".join(names)
+    field = ".".join(name if len(name) <= 60 else f"{name[:60]}..." for name in names)
     if error["type"] == "extra_forbidden":
         owners = _models_at(model, names[:-1])
         valid = [name for owner in owners for name in owner.model_fields]
         return FieldProblem(field, f"there is no such field ({nearest(str(error['loc'][-1]), valid)}).")
     message = error["msg"].removeprefix("Value error, ").rstrip(".")
-    given = "" if error["type"] == "missing" else f", not {error['input']!r}"
+    given = "" if error["type"] == "missing" else f", not {shown(error['input'])}"
     return FieldProblem(field, f"{message[:1].lower()}{message[1:]}{given}.")
 
 

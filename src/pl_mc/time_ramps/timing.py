@@ -14,11 +14,11 @@ from numpy.typing import ArrayLike, NDArray
 from scipy import stats
 
 from pl_mc.alert import LPV_200, AlertLimits
-from pl_mc.arrays import FloatArray
+from pl_mc.arrays import FloatArray, ordinary_arithmetic
 from pl_mc.engine.calls import Chunk, Cut, run_calls
 from pl_mc.engine.checks import LARGEST_SEED, require_geometry_and_alert
 from pl_mc.geometry.record import Geometry
-from pl_mc.input_errors import InputError, require_fraction, require_whole
+from pl_mc.input_errors import InputError, require_fraction, require_numbers, require_whole, require_within
 from pl_mc.methods import METHODS, Method
 from pl_mc.methods.capabilities import refusal
 from pl_mc.named import as_records, build_named
@@ -44,6 +44,7 @@ _MOST_DRAWS = 2**20
 _FEWEST_BEYOND = 10
 
 
+@ordinary_arithmetic
 def time_to_alert(
     g_series: Geometry,
     satellite: str,
@@ -57,7 +58,7 @@ def time_to_alert(
     onset_s: float = 300.0,
     p_fa: float = 0.01,
     calibration_draws: int = 4000,
-    alert: AlertLimits = LPV_200,
+    alert: str | AlertLimits = LPV_200,
     progress: bool | None = None,
 ) -> pd.DataFrame:
     """How long an error that grows on one satellite stays unseen, method by method, at equal false-alarm rates.
@@ -112,7 +113,7 @@ def time_to_alert(
     Raises:
         InputError: what cannot be used.
     """
-    require_geometry_and_alert(g_series, alert)
+    alert = require_geometry_and_alert(g_series, alert)
     rows = rows_by_satellite(g_series)
     noise = NoiseInTime(tau_s=tau_s, share=share)
     tests = as_tests(methods)
@@ -178,7 +179,9 @@ def calibrated(largest: FloatArray, p_fa: float) -> FloatArray:
 
 def require_calibration(draws: int, p_fa: float) -> int:
     """``draws`` fault-free passes, checked to be enough for a threshold of the false-alarm probability ``p_fa``."""
-    least = math.ceil(_FEWEST_BEYOND / require_fraction(p_fa, field="p_fa"))
+    least = math.ceil(
+        _FEWEST_BEYOND / require_within(require_fraction(p_fa, field="p_fa"), field="p_fa", low=1e-9, high=1.0)
+    )
     return require_whole(draws, field="calibration_draws", low=least, high=_MOST_DRAWS)
 
 
@@ -194,10 +197,7 @@ def require_onset(onset_s: float, interval_s: float, epochs: int) -> int:
 
 
 def _rates(rates_m_per_s: ArrayLike) -> FloatArray:
-    try:
-        rates = np.atleast_1d(np.asarray(rates_m_per_s, dtype=float))
-    except (TypeError, ValueError):
-        raise InputError(f"rates_m_per_s: rates in metres a second are needed, not {rates_m_per_s!r}.") from None
+    rates = np.atleast_1d(require_numbers(rates_m_per_s, field="rates_m_per_s"))
     if rates.ndim != 1 or rates.size == 0 or not np.isfinite(rates).all() or np.unique(rates).size < rates.size:
         raise InputError("rates_m_per_s: one row of different finite rates is needed.")
     return rates

@@ -16,7 +16,7 @@ import numpy as np
 from jax import Array
 
 from pl_mc.arrays import FloatArray
-from pl_mc.input_errors import InputError, require_number
+from pl_mc.input_errors import InputError, require_number, shown
 from pl_mc.kernels.linear_model import product
 from pl_mc.methods.raim_levels import thresholds
 from pl_mc.time_ramps.signals import whole_samples
@@ -43,7 +43,7 @@ def window_seconds(owner: str, windows_s: Iterable[float]) -> tuple[float, ...]:
     try:
         given = tuple(require_number(value, field=f"{owner}: windows_s") for value in windows_s)
     except TypeError:
-        raise InputError(f"{owner}: windows_s: a list of times in seconds is needed, not {windows_s!r}.") from None
+        raise InputError(f"{owner}: windows_s: a list of times in seconds is needed, not {shown(windows_s)}.") from None
     if not given or min(given) < 0.0 or len(set(given)) < len(given):
         raise InputError(
             f"{owner}: windows_s: different times of at least 0 s (one sample) are needed, not {list(given)}."

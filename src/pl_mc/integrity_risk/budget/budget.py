@@ -23,7 +23,7 @@ from numpy.typing import ArrayLike
 from scipy import special
 
 from pl_mc.alert import LPV_200, AlertLimits
-from pl_mc.arrays import FloatArray
+from pl_mc.arrays import FloatArray, ordinary_arithmetic
 from pl_mc.engine.checks import LARGEST_SEED, require_geometry_and_alert, require_single
 from pl_mc.faults import Faults, fault_label
 from pl_mc.geometry.record import Geometry
@@ -86,6 +86,7 @@ _NUMBERS = ("probability", "standard_error", "low", "high")
 _AT_MOST_ONE = Conditional(1.0, 0.0, 0.0, 1.0, BOUNDED)
 
 
+@ordinary_arithmetic
 def risk_budget(
     g: Geometry,
     *,
@@ -93,7 +94,7 @@ def risk_budget(
     event: Literal["missed", "misleading"] = "missed",
     alarm: Literal["pl", "chi2"] = "pl",
     p_fa: float = 1e-3,
-    alert: AlertLimits = LPV_200,
+    alert: str | AlertLimits = LPV_200,
     p_sat: float | Mapping[str, float] = 1e-5,
     p_const: float | Mapping[str, float] = 1e-4,
     bias: Any = "worst",
@@ -154,7 +155,7 @@ def risk_budget(
     Raises:
         InputError: a series, unknown names or options, probabilities outside their range.
     """
-    require_geometry_and_alert(g, alert)
+    alert = require_geometry_and_alert(g, alert)
     require_single(g, "a risk budget")
     require_event(event)
     require_choice(constellation, (INDEPENDENT, COMMON), field="constellation")

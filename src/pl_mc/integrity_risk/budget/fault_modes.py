@@ -17,8 +17,9 @@ from numpy.typing import ArrayLike
 from scipy import special, stats
 
 from pl_mc.arrays import FloatArray
+from pl_mc.faults import MOST_BIAS_M
 from pl_mc.geometry.record import SYSTEM_NAMES, Geometry
-from pl_mc.input_errors import InputError, require_choice
+from pl_mc.input_errors import InputError, require_choice, require_numbers, shown
 
 INDEPENDENT, COMMON = "independent", "common"
 FAULT_FREE, SATELLITE, PAIR, CONSTELLATION = "fault_free", "satellite", "pair", "constellation"
@@ -110,7 +111,7 @@ def source_priors(
 
     def checked(value: Any, field: str) -> float:
         if isinstance(value, bool) or not isinstance(value, int | float | np.number) or not 0.0 <= value < 1.0:
-            raise InputError(f"{field}: a prior probability lies between 0 and 1 (1 excluded), not {value!r}.")
+            raise InputError(f"{field}: a prior probability lies between 0 and 1 (1 excluded), not {shown(value)}.")
         return float(value)
 
     def chosen(given: Mapping[str, float], keys: Sequence[str], field: str) -> float:
@@ -170,15 +171,15 @@ class Sizes:
                 raise InputError("bias: the distribution gives sizes that are not finite.")
             return found
         try:
-            values = np.atleast_1d(np.asarray(bias, dtype=float))
-            chance = np.ones(values.shape) if weights is None else np.asarray(weights, dtype=float)
-        except (TypeError, ValueError):
+            values = np.atleast_1d(require_numbers(bias, field="bias"))
+        except InputError:
             raise InputError(
                 "bias: 'worst', a distribution such as ('uniform', 5, 100) or an array of sizes in metres is "
-                f"needed, not {bias!r}."
+                f"needed, not {shown(bias)}."
             ) from None
-        if values.ndim != 1 or values.size == 0 or not np.isfinite(values).all():
-            raise InputError("bias: an array of sizes is one row of finite numbers of metres.")
+        chance = np.ones(values.shape) if weights is None else require_numbers(weights, field="weights")
+        if values.ndim != 1 or values.size == 0 or not (np.abs(values) <= MOST_BIAS_M).all():
+            raise InputError(f"bias: an array of sizes is one row of finite numbers of metres, up to {MOST_BIAS_M:g}.")
         if chance.shape != values.shape or not (np.isfinite(chance).all() and (chance >= 0).all() and chance.any()):
             raise InputError(f"weights: {values.size} numbers are needed, none negative and not all zero.")
         chance = chance / chance.sum()
@@ -201,14 +202,14 @@ def _distribution(bias: Any) -> Any:
         return bias
     if not (isinstance(bias, tuple) and bias and isinstance(bias[0], str)):
         if isinstance(bias, str):
-            raise InputError(f"bias: {bias!r} is unknown (valid: worst, ('uniform', 5, 100), sizes in metres).")
+            raise InputError(f"bias: {shown(bias)} is unknown (valid: worst, ('uniform', 5, 100), sizes in metres).")
         return None
     name, *parameters = bias
     known = [item for item in dir(stats) if isinstance(getattr(stats, item), stats.rv_continuous)]
     require_choice(name, known, field="bias")
     if name == "uniform":
         if len(parameters) != 2 or not parameters[0] < parameters[1]:
-            raise InputError(f"bias: 'uniform' takes two sizes in order, such as ('uniform', 5, 100), not {bias!r}.")
+            raise InputError(f"bias: 'uniform' takes two sizes, such as ('uniform', 5, 100), not {shown(bias)}.")
         return stats.uniform(parameters[0], parameters[1] - parameters[0])
     try:
         frozen = getattr(stats, name)(*parameters)

@@ -17,10 +17,18 @@ import numpy as np
 import pandas as pd
 
 from pl_mc.alert import LPV_200, AlertLimits
+from pl_mc.arrays import ordinary_arithmetic
 from pl_mc.engine.checks import LARGEST_DRAWS, LARGEST_SEED, require_geometry_and_alert, require_inputs
 from pl_mc.faults import Faults, no_fault
 from pl_mc.geometry.record import Geometry
-from pl_mc.input_errors import InputError, require_choice, require_fraction, require_whole
+from pl_mc.input_errors import (
+    InputError,
+    require_choice,
+    require_fraction,
+    require_truth,
+    require_whole,
+    require_within,
+)
 from pl_mc.integrity_risk.k_factor.calibrated import (
     ALWAYS_ALARMS,
     KFactor,
@@ -43,6 +51,7 @@ from pl_mc.methods.capabilities import exact_law, k_of, require_k, with_k
 from pl_mc.statistics.least_squares import ls_quantities
 
 
+@ordinary_arithmetic
 def calibrate(
     g: Geometry,
     *,
@@ -50,7 +59,7 @@ def calibrate(
     target: float = 1e-7,
     faults: Faults | None = None,
     event: Literal["exceeded", "misleading"] = "exceeded",
-    alert: AlertLimits = LPV_200,
+    alert: str | AlertLimits = LPV_200,
     confidence: float = 0.95,
     pooled: bool = False,
     draws: int = 200_000,
@@ -106,11 +115,12 @@ def calibrate(
         InputError: a method without a multiplier, options outside their range, faults of another geometry, a pooled
             multiplier whose target is too rare to count.
     """
-    require_geometry_and_alert(g, alert)
+    alert = require_geometry_and_alert(g, alert)
     faults = no_fault(g) if faults is None else faults
-    require_inputs(g, faults, alert)
+    alert = require_inputs(g, faults, alert)
     require_choice(event, EVENTS, field="event")
-    require_fraction(target, field="target")
+    require_truth(pooled, field="pooled")
+    require_within(target, field="target", low=1e-15, high=0.999)
     require_fraction(confidence, field="confidence")
     draws = require_whole(draws, field="draws", low=1, high=LARGEST_DRAWS)
     seed = require_whole(seed, field="seed", low=0, high=LARGEST_SEED)

@@ -36,7 +36,7 @@ EXACT, COUNTING, RARE = "exact", "counting", "rare events"
 LARGEST_FACTOR, SMALLEST_FACTOR = 1e9, 1e-6
 
 # An alert limit that no protection level passes: an alarm in spite of it is the method's own test.
-NO_LIMIT = AlertLimits("none", vertical_m=1e300, horizontal_m=1e300)
+NO_LIMIT = AlertLimits("none", vertical_m=1e9, horizontal_m=40.0)
 _DRAWS_PER_CALL = 50_000
 
 # Multipliers that a search may try, and how close to the target it has to come.

@@ -21,6 +21,7 @@ from numpy.typing import ArrayLike
 from scipy import stats
 
 from pl_mc.alert import LPV_200, AlertLimits
+from pl_mc.arrays import ordinary_arithmetic
 from pl_mc.engine.calls import Chunk, run_calls
 from pl_mc.engine.checks import LARGEST_DRAWS, LARGEST_SEED, require_inputs, require_single
 from pl_mc.engine.core import EpochBatch, each_outcome, prepare_epoch
@@ -29,7 +30,7 @@ from pl_mc.engine.noise import LANES, epoch_key, live_lanes
 from pl_mc.engine.plan import make_plan
 from pl_mc.faults import Faults
 from pl_mc.geometry.record import Geometry
-from pl_mc.input_errors import InputError, require_positive, require_whole
+from pl_mc.input_errors import InputError, require_numbers, require_positive, require_whole, shown
 from pl_mc.methods import Method, Outcome, as_methods
 from pl_mc.noise_models import GAUSSIAN, NoiseModel, as_noise_model
 from pl_mc.noise_models.gauss_markov import GaussMarkov, step
@@ -46,6 +47,7 @@ _MOST_SAMPLES = 100_000
 _FEWEST = 10
 
 
+@ordinary_arithmetic
 def exposure(
     g: Geometry,
     faults: Faults,
@@ -56,7 +58,7 @@ def exposure(
     duration_s: float = 150.0,
     interval_s: float = 1.0,
     methods: Sequence[str | Method] = ("ls", "igg3"),
-    alert: AlertLimits = LPV_200,
+    alert: str | AlertLimits = LPV_200,
     noise: str | NoiseModel = GAUSSIAN,
     precision: str = "float64",
     progress: bool | None = None,
@@ -94,7 +96,7 @@ def exposure(
         InputError: a series of epochs, options outside their range, or a duration that is no multiple of the
             interval.
     """
-    require_inputs(g, faults, alert)
+    alert = require_inputs(g, faults, alert)
     require_single(g, "an exposure")
     draws = require_whole(draws, field="draws", low=1, high=LARGEST_DRAWS)
     seed = require_whole(seed, field="seed", low=0, high=LARGEST_SEED)
@@ -133,20 +135,17 @@ def exposure(
 def samples_of(duration_s: float, interval_s: float) -> int:
     """The samples of an exposure; an `InputError` unless whole intervals make its duration."""
     ratio = require_positive(duration_s, field="duration_s") / require_positive(interval_s, field="interval_s")
-    samples = round(ratio)
+    samples = round(min(ratio, 2.0 * _MOST_SAMPLES))
     if not 1 <= samples <= _MOST_SAMPLES or abs(ratio - samples) > 1e-9 * samples:
         raise InputError(
-            f"interval_s: from 1 to {_MOST_SAMPLES} whole intervals make a duration, but {duration_s!r} s is "
-            f"{ratio:.6g} times {interval_s!r} s."
+            f"interval_s: from 1 to {_MOST_SAMPLES} whole intervals make a duration, but {shown(duration_s)} s is "
+            f"{ratio:.6g} times {shown(interval_s)} s."
         )
     return samples
 
 
 def _taus(tau_s: ArrayLike) -> list[float]:
-    try:
-        values = np.atleast_1d(np.asarray(tau_s, dtype=float))
-    except (TypeError, ValueError):
-        raise InputError(f"tau_s: correlation times in seconds are needed, not {tau_s!r}.") from None
+    values = np.atleast_1d(require_numbers(tau_s, field="tau_s"))
     if values.ndim != 1 or values.size == 0:
         raise InputError("tau_s: one row of correlation times is needed.")
     return [GaussMarkov(float(value)).tau_s for value in values]

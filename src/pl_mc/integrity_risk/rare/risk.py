@@ -14,12 +14,12 @@ import numpy as np
 import pandas as pd
 from scipy import stats
 
-from pl_mc.alert import LPV_200, AlertLimits
-from pl_mc.arrays import FloatArray
+from pl_mc.alert import LPV_200, AlertLimits, horizontal_note
+from pl_mc.arrays import FloatArray, ordinary_arithmetic
 from pl_mc.engine.checks import LARGEST_SEED, notes_on_faults, require_inputs
 from pl_mc.faults import Faults
 from pl_mc.geometry.record import Geometry
-from pl_mc.input_errors import require_choice, require_fraction, require_whole
+from pl_mc.input_errors import require_choice, require_whole, require_within
 from pl_mc.integrity_risk.rare.importance import ImportanceRun, importance_sampling
 from pl_mc.integrity_risk.rare.limit_state import RISK_EVENTS, LimitState, all_axes
 from pl_mc.integrity_risk.rare.subset import Sampled, SubsetRun, subset_simulation
@@ -32,6 +32,8 @@ from pl_mc.statistics.least_squares import ls_quantities
 
 CONFIDENCE = 0.95
 FEWEST_EVALUATIONS = 500_000
+# Years of computing.
+MOST_EVALUATIONS = 10**12
 
 # An event seen this often in the first draws is counted, if that needs no more draws than the last number, or if it
 # is common.
@@ -76,6 +78,7 @@ class RiskEstimate:
     warning: str = ""
 
 
+@ordinary_arithmetic
 def risk(
     g: Geometry,
     faults: Faults,
@@ -84,7 +87,7 @@ def risk(
     event: str = "missed",
     method: str | Method = "igg3",
     target_cov: float = 0.1,
-    alert: AlertLimits = LPV_200,
+    alert: str | AlertLimits = LPV_200,
     noise: str | NoiseModel = GAUSSIAN,
     max_evaluations: int = 10_000_000,
     workers: int | None = None,
@@ -130,11 +133,11 @@ def risk(
     Raises:
         InputError: bad options, or faults of another geometry.
     """
-    require_inputs(g, faults, alert)
+    alert = require_inputs(g, faults, alert)
     require_choice(event, RISK_EVENTS, field="event")
     seed = require_whole(seed, field="seed", low=0, high=LARGEST_SEED)
-    most = require_whole(max_evaluations, field="max_evaluations", low=FEWEST_EVALUATIONS)
-    require_fraction(target_cov, field="target_cov")
+    most = require_whole(max_evaluations, field="max_evaluations", low=FEWEST_EVALUATIONS, high=MOST_EVALUATIONS)
+    require_within(target_cov, field="target_cov", low=1e-3, high=1.0)
     threads = cores() if workers is None else require_whole(workers, field="workers", low=1)
     (chosen,) = as_methods([method])
     model = as_noise_model(noise, g)
@@ -169,6 +172,7 @@ def risk(
         keys[field] = np.array(values, dtype=object if field in _WORDS else None)
     table = pd.DataFrame(keys)
     table.attrs["notes"] = list(notes_on_faults(g, faults))
+    table.attrs["horizontal"] = horizontal_note(alert)
     return table
 
 

@@ -20,14 +20,22 @@ from numpy.typing import NDArray
 from scipy import optimize
 
 from pl_mc.alert import LPV_200, AlertLimits
-from pl_mc.arrays import FloatArray
+from pl_mc.arrays import FloatArray, ordinary_arithmetic
 from pl_mc.engine.checks import LARGEST_DRAWS, LARGEST_SEED, require_geometry_and_alert, require_inputs, require_single
 from pl_mc.faults import Faults, no_fault
 from pl_mc.geometry.record import Geometry
-from pl_mc.input_errors import InputError, require_choice, require_fraction, require_positive, require_whole
+from pl_mc.input_errors import (
+    InputError,
+    require_choice,
+    require_fraction,
+    require_list,
+    require_positive,
+    require_whole,
+    require_within,
+)
 from pl_mc.integrity_risk.k_factor.calibrated import fewest_draws
 from pl_mc.integrity_risk.k_factor.error_to_level_ratio import EVENTS, MISLEADING
-from pl_mc.integrity_risk.rare.risk import FEWEST_EVALUATIONS
+from pl_mc.integrity_risk.rare.risk import FEWEST_EVALUATIONS, MOST_EVALUATIONS
 from pl_mc.integrity_risk.tuning.draws import weighted_noise
 from pl_mc.integrity_risk.tuning.judge import (
     SAMPLES,
@@ -55,6 +63,7 @@ _FEWEST_EVENTS = 20
 _WEIGHTED_DRAWS, _LEAST_EFFECTIVE = 16_384, 30.0
 
 
+@ordinary_arithmetic
 def tune(
     g: Geometry,
     *,
@@ -64,7 +73,7 @@ def tune(
     objective: Literal["vpl", "alarms"] = "vpl",
     event: Literal["exceeded", "misleading"] = "misleading",
     faults: Faults | None = None,
-    alert: AlertLimits = LPV_200,
+    alert: str | AlertLimits = LPV_200,
     draws: int = 400_000,
     confidence: float = 0.95,
     seed: int = 0,
@@ -119,24 +128,26 @@ def tune(
         InputError: a series of epochs, an epoch without redundancy, a method that is not IGG-III, options outside
             their range.
     """
-    require_geometry_and_alert(g, alert)
+    alert = require_geometry_and_alert(g, alert)
     require_single(g, "tuning")
     faults = no_fault(g) if faults is None else faults
-    require_inputs(g, faults, alert)
+    alert = require_inputs(g, faults, alert)
     require_choice(objective, OBJECTIVES, field="objective")
     require_choice(event, EVENTS, field="event")
-    named = [parameters] if isinstance(parameters, str) else list(parameters)
+    named = [parameters] if isinstance(parameters, str) else require_list(parameters, field="parameters", of="names")
     for name in named:
         require_choice(name, PARAMETERS, field="parameters")
-    require_fraction(target, field="target")
+    require_within(target, field="target", low=1e-15, high=0.999)
     require_fraction(confidence, field="confidence")
     require_positive(smoothing, field="smoothing")
-    draws = require_whole(draws, field="draws", low=1, high=LARGEST_DRAWS)
+    draws = require_whole(draws, field="draws", low=100, high=LARGEST_DRAWS)
     counts = draws >= max(int(np.ceil(_FEWEST_EVENTS / target)), fewest_draws(target, confidence))
     if search_draws is not None:
         search_draws = require_whole(search_draws, field="search_draws", low=1024, high=LARGEST_DRAWS)
-    require_positive(target_cov, field="target_cov")
-    max_evaluations = require_whole(max_evaluations, field="max_evaluations", low=FEWEST_EVALUATIONS)
+    require_within(target_cov, field="target_cov", low=1e-3, high=1.0)
+    max_evaluations = require_whole(
+        max_evaluations, field="max_evaluations", low=FEWEST_EVALUATIONS, high=MOST_EVALUATIONS
+    )
     seed = require_whole(seed, field="seed", low=0, high=LARGEST_SEED)
     steps, grid = require_whole(steps, field="steps", low=1), require_whole(grid, field="grid", low=0)
     (record,) = as_methods([method])

@@ -18,12 +18,12 @@ from typing import Literal
 import numpy as np
 import pandas as pd
 
-from pl_mc.alert import LPV_200, AlertLimits
-from pl_mc.arrays import FloatArray
+from pl_mc.alert import LPV_200, AlertLimits, horizontal_note
+from pl_mc.arrays import FloatArray, ordinary_arithmetic
 from pl_mc.engine.checks import LARGEST_SEED, require_geometry_and_alert
 from pl_mc.faults import require_satellite
 from pl_mc.geometry.record import Geometry
-from pl_mc.input_errors import InputError, require_positive, require_whole
+from pl_mc.input_errors import InputError, require_list, require_whole, require_within, shown
 from pl_mc.integrity_risk.worst.bias_curve import Region
 from pl_mc.integrity_risk.worst.ls_exact import (
     LsEpoch,
@@ -55,6 +55,7 @@ from pl_mc.statistics.exact import LeastSquaresLaw
 _NEGLIGIBLE = 1e-9
 
 
+@ordinary_arithmetic
 def worst_case(
     g: Geometry,
     *,
@@ -63,7 +64,7 @@ def worst_case(
     alarm: Literal["pl", "chi2"] = "pl",
     event: Literal["missed", "misleading"] = "missed",
     p_fa: float = 1e-3,
-    alert: AlertLimits = LPV_200,
+    alert: str | AlertLimits = LPV_200,
     target_cov: float = 0.1,
     max_evaluations: int = 10_000_000,
     refine: int = 3,
@@ -129,13 +130,15 @@ def worst_case(
     Raises:
         InputError: unknown names, options outside their range, ``chi2`` for a method without an exact law.
     """
-    require_geometry_and_alert(g, alert)
+    alert = require_geometry_and_alert(g, alert)
     require_event(event)
     (chosen,) = as_methods([method])
     law = law_with(alarm, chosen, estimated=estimator is not None)
     require_whole(refine, field="refine", low=1)
     seed = require_whole(seed, field="seed", low=0, high=LARGEST_SEED)
-    require_positive(target_cov, field="target_cov")
+    require_within(target_cov, field="target_cov", low=1e-3, high=1.0)
+    if estimator is not None and not callable(estimator):
+        raise InputError(f"estimator: a function of faults, target_cov and seed is needed, not {shown(estimator)}.")
     parts: list[pd.DataFrame] = []
     spent: dict[str, int] = {}
     for one in g.as_series():
@@ -165,6 +168,7 @@ def worst_case(
             spent[stage] = spent.get(stage, 0) + number
         parts.append(table.sort_values("probability", ascending=False, kind="stable"))
     whole = pd.concat([part for part in parts if len(part)] or parts[:1], ignore_index=True)
+    whole.attrs["horizontal"] = horizontal_note(alert)
     if spent:
         whole.attrs["evaluations"] = spent
     return whole
@@ -198,15 +202,16 @@ def satellite_groups(
         number = require_whole(satellites, field="satellites", low=1, high=2)
         return list(combinations(range(len(g.names)), number))
     if isinstance(satellites, str):
-        raise InputError(f"satellites: 1, 2 or a list of names is needed, such as [{satellites!r}], not a word.")
+        raise InputError(f"satellites: 1, 2 or a list of names is needed, such as [{shown(satellites)}], not a word.")
+    satellites = require_list(satellites, field="satellites", of="names, or 1 or 2,")
     groups = []
     for item in satellites:
-        group = (item,) if isinstance(item, str) else tuple(item)
+        group = (item,) if isinstance(item, str) else tuple(require_list(item, field="satellites", of="names"))
         for name in group:
-            if name not in names:
+            if not isinstance(name, str) or name not in names:
                 require_satellite(g, name)
         if not group or len(set(group)) < len(group):
-            raise InputError(f"satellites: different names that fail together are needed, not {group!r}.")
+            raise InputError(f"satellites: different names that fail together are needed, not {shown(group)}.")
         if all(name in g.names for name in group):
             groups.append(tuple(g.names.index(name) for name in group))
     if not satellites:

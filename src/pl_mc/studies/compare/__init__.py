@@ -5,7 +5,7 @@ from pl_mc.studies.compare.text import answer
 from pl_mc.studies.study import Study
 
 STUDY = Study(
-    model=CompareExperiment, run=run, answer=answer, sweeps=sweeps,
+    model=CompareExperiment, run=run, answer=answer, sweeps=sweeps, horizontal=True,
     question="How often does each method alarm, mislead or miss under one ramp, and which test detects best at "
     "one false-alarm rate?",
 )  # fmt: skip

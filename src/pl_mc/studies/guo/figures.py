@@ -49,14 +49,14 @@ def residual_figure(by_system: Mapping[str, tuple[FloatArray, FloatArray]], *, t
         inside = np.abs(residuals_m) <= span
         panel.hist(
             residuals_m[inside], bins=80, range=(-span, span), density=True, color=series_style(k).colour,
-            alpha=0.6, label=f"residuals, variance {residuals_m.var():.2f} m$^2$",
+            alpha=0.6, label=f"residuals, variance {residuals_m.var():.2f} m²",
         )  # fmt: skip
         variances, count = np.unique(np.round(sigma_m**2, 3), return_counts=True)
         density = stats.norm.pdf(grid[:, None], scale=np.sqrt(variances)) @ (count / count.sum())
-        apriori = f"variance {variances[0]:.2f} m$^2$" if variances.size == 1 else "by elevation"
+        apriori = f"variance {variances[0]:.2f} m²" if variances.size == 1 else "by elevation"
         panel.plot(grid, density, color="0.15", label=f"a-priori, {apriori}")
         beyond = "" if inside.all() else f"; {np.mean(~inside):.2g} of all are beyond"
-        panel.set_title(f"{SYSTEM_NAMES[letter]} (paper: {_PAPER_VARIANCES_M2[letter]} m$^2$)")
+        panel.set_title(f"{SYSTEM_NAMES[letter]} (paper: {_PAPER_VARIANCES_M2[letter]} m²)")
         panel.set_xlabel(f"residual [m]{beyond}")
         panel.legend(loc="upper left")
     # Room for the legends above the densities of both.

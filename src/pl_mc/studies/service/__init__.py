@@ -5,6 +5,6 @@ from pl_mc.studies.service.text import answer
 from pl_mc.studies.study import Study
 
 STUDY = Study(
-    model=ServiceExperiment, run=run, answer=answer, sweeps=sweeps, work=work, checks=checks,
+    model=ServiceExperiment, run=run, answer=answer, sweeps=sweeps, work=work, checks=checks, horizontal=True,
     question="Where on Earth, and for how much of the day, does each method serve an operation?",
 )  # fmt: skip

@@ -25,7 +25,7 @@ from pl_mc.report.document import Summary, TextTable
 from pl_mc.report.figures import DASHED, method_label, new_figure, note
 from pl_mc.report.findings import Findings, Table, picture
 from pl_mc.report.text import by_method, method_key, row_rate
-from pl_mc.studies.spec import Experiment, RampSizes, SimulatedGeometry, scaled_noise
+from pl_mc.studies.spec import Distinct, Experiment, RampSizes, SimulatedGeometry, scaled_noise
 from pl_mc.studies.study import Check, Work, refuse
 
 # The regions that are parts of the plane.
@@ -63,7 +63,7 @@ class StanfordExperiment(Experiment):
     geometry: SimulatedGeometry = SimulatedGeometry()
     noise_scale: float = Field(default=1.0, gt=0)
     faults: RampSizes | None = None
-    satellites: tuple[str, ...] = ()
+    satellites: Distinct = ()
     reach_m: float = 60.0
     cell_m: float = 0.5
 
