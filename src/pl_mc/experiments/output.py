@@ -26,7 +26,7 @@ from pl_mc.report.run_folder import MANIFEST, changed_fields
 from pl_mc.studies.spec import Experiment
 
 # Packages whose version can change a number or a picture.
-_RECORDED = ("pl_mc", "jax", "jaxlib", "numpy", "scipy", "pandas", "pyarrow", "matplotlib", "pymap3d", "pyrtklib")
+_RECORDED = ("pl_mc", "jax", "jaxlib", "numpy", "scipy", "pandas", "pyarrow", "matplotlib", "pymap3d", "sidereon")
 
 RECORD = "experiment.json"
 SUFFIX = ".unfinished"
