@@ -26,6 +26,7 @@ _TIME_2 = r" [ \d]\d [ \d]\d [ \d]\d [ \d]\d [ \d]\d[ \d]{3}\.\d{7}"
 _EPOCH_2 = re.compile(rf"{_TIME_2}  [0-6][ \d]{{3}}", re.ASCII)
 _EVENT_2 = re.compile(r" {28}[2-6][ \d]{2}\d\s*", re.ASCII)
 _FLAG_2, _FLAG_3 = 28, 31
+_FLAGS = ("0", "1", "2", "3", "4", "5", "6")
 
 _WIDTH, _GAP = 14, 2
 _VALUES_ON_A_LINE_2, _NAMES_ON_A_LINE_2, _FIRST_NAME_2 = 5, 12, 32
@@ -84,6 +85,11 @@ class Block:
         row, column = divmod(place, _VALUES_ON_A_LINE_2)
         begin = (_WIDTH + _GAP) * column
         return satellite.lines[row][begin : begin + _WIDTH] if row < len(satellite.lines) else ""
+
+    def is_overfull(self, satellite: Satellite, count: int) -> bool:
+        """Whether the last line of RINEX 2 holds more than its part of so many values: lines have changed places."""
+        rest = count - _VALUES_ON_A_LINE_2 * (len(satellite.lines) - 1)
+        return not self.first.startswith(">") and bool(satellite.lines[-1][(_WIDTH + _GAP) * rest :].strip())
 
     def text(self, satellites: Sequence[Satellite] | None = None) -> list[str]:
         """Its lines, with these satellites alone."""
@@ -189,7 +195,7 @@ def _blocks_3(file: RinexText, body: Sequence[str], left_out: list[str]) -> Iter
     for start, stop in zip(starts, [*starts, len(kept)][1:], strict=True):
         number, first = kept[start]
         flag, count = first[_FLAG_3 : _FLAG_3 + 1], first[_FLAG_3 + 1 : _FLAG_3 + 4].strip() or "0"
-        if not (flag.isdecimal() and count.isdecimal()):
+        if not (flag in _FLAGS and count.isdecimal()):
             left_out.append(f"the epoch of line {number} and the {stop - start - 1} lines below (no flag and count)")
             continue
         own = kept[start + 1 : min(start + 1 + int(count), stop)]

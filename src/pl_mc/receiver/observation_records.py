@@ -99,17 +99,19 @@ def read_observations(path: str | Path, systems: Sequence[str]) -> Observations:
     shapeless: list[str] = []
     epochs: list[_Epoch] = []
     places: dict[str, int] = {}
+    counts: dict[str, int] = {}
     for index, (epoch, block) in enumerate(zip(read.epochs, blocks, strict=True)):
         if index == 0 or any(label_of(line) in COLUMNS for line in block.records):
             header = read.header_at(index)
             places = {letter: place for letter, code in chosen.items() for place in _place(header, letter, code)}
+            counts = {letter: len(library.codes(header, letter)) for letter in places}
         if epoch.flag < 2:
             values = read.pseudoranges(index, policy)
             by_name = dict(zip(values.satellites, values.ranges_m.tolist(), strict=True))
-            _drop_shapeless(block, places, by_name, shapeless)
+            _drop_shapeless(block, places, counts, by_name, shapeless)
             epochs.append((_gps_s(epoch.epoch) + behind_s, block, by_name))
     if shapeless:
-        said.append(f"Left out of {file.path.name}, as pseudoranges have three decimals: {listed(shapeless)}.")
+        said.append(f"Left out of {file.path.name}, as pseudoranges have three decimals and columns of their own: {listed(shapeless)}.")
 
     epochs = _in_order(file, _without_strangers(file, epochs, said), said)
     _tell_lost_columns(file, read, blocks, chosen, said)
@@ -179,15 +181,17 @@ def _place(header: Any, letter: str, code: str) -> list[int]:
     return [codes.index(code)] if code in codes else []
 
 
-def _drop_shapeless(block: Block, places: Mapping[str, int], values: dict[str, float], said: list[str]) -> None:
-    """Take away what the columns of a pseudorange hold where digits have been lost, which the library reads."""
+def _drop_shapeless(
+    block: Block, places: Mapping[str, int], counts: Mapping[str, int], values: dict[str, float], said: list[str]
+) -> None:
+    """Take away what the library reads where digits have been lost, or where lines have changed places."""
     for one in block.satellites:
-        place = places.get(one.name[:1].strip() or "G")
-        if place is None:
+        letter = one.name[:1].strip() or "G"
+        if letter not in places:
             continue
-        field = block.field(one, place)
-        if field.strip() and not _VALUE.fullmatch(field):
-            values.pop(f"{one.name[:1].strip() or 'G'}{one.name[1:].strip():0>2}", None)
+        field = block.field(one, places[letter])
+        if (field.strip() and not _VALUE.fullmatch(field)) or block.is_overfull(one, counts[letter]):
+            values.pop(f"{letter}{one.name[1:].strip():0>2}", None)
             said.append(f"line {one.number} ({one.name}, {block.when}: {field.strip()!r})")
 
 
