@@ -132,7 +132,7 @@ def _same_unpacked(one: bytes, other: bytes) -> bool:
         try:
             return same_values(hatanaka.crx2rnx(one), hatanaka.crx2rnx(other))
         except hatanaka.HatanakaException:
-            return False
+            return same_columns(one, other)
 
 
 def _track(path: Path) -> Read:

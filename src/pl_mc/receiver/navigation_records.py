@@ -6,7 +6,9 @@ Every record is held to what its message can say (IS-GPS-200, tables 20-I and 20
 
 from __future__ import annotations
 
+import itertools
 import math
+import re
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from datetime import timedelta
@@ -48,6 +50,11 @@ _LARGEST_GROUP_DELAY_S = 6e-8
 
 # Eight bits each of alpha and beta of the ionosphere (IS-GPS-200, table 20-X); BeiDou's reach as far.
 _LARGEST_KLOBUCHAR = 128 * np.array([2.0**-30, 2.0**-27, 2.0**-24, 2.0**-24, 2.0**11, 2.0**14, 2.0**16, 2.0**16])
+
+# Fortran's D19.12 with an exponent of two digits, right-aligned, so that a shifted line does not pass for numbers; of
+# the lines of a record the last has nothing that is needed.
+_NUMBER = re.compile(r" *[-+]?\d*\.\d+[EeDd][-+]\d\d", re.ASCII)
+_WIDTH, _ROWS = 19, 7
 
 _WEEK_S, _WEEKS_PER_CYCLE = 604_800.0, 1024
 
@@ -127,12 +134,14 @@ def read_navigation(paths: Sequence[str | Path], systems: Sequence[str]) -> Navi
 
 def _ephemerides(file: RinexText, systems: Sequence[str]) -> tuple[list[Ephemeris], list[str]]:
     """The sound records of a file, and what is to be said of the others."""
+    left_out: list[str] = []
+    body = _without_misshapen(file, systems, left_out)
     try:
-        read = library.navigation("\n".join((*file.header, *file.body, "")))
+        read = library.navigation("\n".join((*file.header, *body, "")))
     except library.Unreadable as error:
         raise InputError(f"{file.path}: it cannot be read ({error}).") from None
     first_line = file.before - len(file.header)
-    left_out = [
+    left_out += [
         f"the record of {one.satellite or 'no satellite'} at line {first_line + one.line} ({one.message})"
         for one in (*read.skipped, *read.departures)
         if one.satellite[:1] in systems or one.satellite[:1] not in "CEGIJRS"
@@ -148,6 +157,32 @@ def _ephemerides(file: RinexText, systems: Sequence[str]) -> tuple[list[Ephemeri
         else:
             sound.append(_ephemeris(record))
     return sound, left_out
+
+
+def _without_misshapen(file: RinexText, systems: Sequence[str], left_out: list[str]) -> list[str]:
+    """The body with blank lines for records of the systems in which a number has not the form of one.
+
+    The library reads what is left of a number that has lost digits.
+    """
+    body = list(file.body)
+    begin, first = (3, 22) if file.generation == 2 else (4, 23)
+    starts = [k for k, line in enumerate(body) if line[: begin - 1].strip()] + [len(body)]
+    for start, stop in itertools.pairwise(starts):
+        name = body[start][:3].replace(" ", "0") if file.generation > 2 else f"G{body[start][:2].strip():0>2}"
+        if name[0] not in systems:
+            continue
+        for k in range(start, min(start + _ROWS, stop)):
+            fields = body[k][first if k == start else begin :].rstrip()
+            parts = [fields[at : at + _WIDTH] for at in range(0, min(len(fields), 4 * _WIDTH), _WIDTH)]
+            bad = next((part for part in parts if part.strip() and not _NUMBER.fullmatch(part)), None)
+            if bad is not None:
+                left_out.append(f"the record of {name} at line {file.number(start)} ({bad.strip()!r} at line "
+                                f"{file.number(k)} is not a number of {_WIDTH} columns)")  # fmt: skip
+                # RINEX 4 has a line that announces the record.
+                before = start - 1 if start and body[start - 1].startswith(">") else start
+                body[before:stop] = [""] * (stop - before)
+                break
+    return body
 
 
 def _where(file: RinexText, record: Any) -> str:
@@ -172,6 +207,8 @@ def _fault(record: Any) -> str:
     delays_s = _group_delays_s(record)
     if None in delays_s or not max(map(abs, delays_s)) <= _LARGEST_GROUP_DELAY_S:  # type: ignore[arg-type]
         return f"its group delays are {delays_s[0]} and {delays_s[1]} s"
+    if name[0] == "G" and record.iodc is None:
+        return "a number is missing beside its group delay"
     if not (math.isfinite(record.sv_health) and record.sv_health >= 0 and record.sv_health == int(record.sv_health)):
         return f"its health is {record.sv_health:g}"
     apart_s = record.toe_tow_s - record.toc_tow_s

@@ -23,8 +23,9 @@ COLUMNS = ("SYS / # / OBS TYPES", "# / TYPES OF OBSERV", "SYS / SCALE FACTOR")
 _OTHERS = ("TIME OF FIRST OBS", "APPROX POSITION XYZ")
 
 _TIME_2 = r" [ \d]\d [ \d]\d [ \d]\d [ \d]\d [ \d]\d[ \d]{3}\.\d{7}"
-_EPOCH_2 = re.compile(rf"{_TIME_2}  [0-6][ \d]{{3}}", re.ASCII)
-_EVENT_2 = re.compile(r" {28}[2-6][ \d]{2}\d\s*", re.ASCII)
+_COUNT_2 = r"(?:\d{3}| \d\d|  \d)"
+_EPOCH_2 = re.compile(rf"{_TIME_2}  [0-6](?:{_COUNT_2}|   )", re.ASCII)
+_EVENT_2 = re.compile(rf" {{28}}[2-6]{_COUNT_2}\s*", re.ASCII)
 _FLAG_2, _FLAG_3 = 28, 31
 _FLAGS = ("0", "1", "2", "3", "4", "5", "6")
 
