@@ -233,9 +233,7 @@ def test_only_what_is_there_of_the_default_systems(tmp_path: Path) -> None:
         ("C1I L1I", "3.04", ""),
     ],
 )
-def test_other_tracking_modes_of_b1(
-    codes: str, version: str, told: str, sound: ReceiverSeries, tmp_path: Path
-) -> None:
+def test_other_tracking_modes_of_b1(codes: str, version: str, told: str, sound: ReceiverSeries, tmp_path: Path) -> None:
     found = read(tmp_path, OBS.replace("C2I L2I", codes).replace("3.04", version, 1))
     np.testing.assert_array_equal(found.errors_m, sound.errors_m)
     assert found.notes == ((told, WANTING) if told else (WANTING,))

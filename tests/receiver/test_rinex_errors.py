@@ -71,7 +71,10 @@ def without_line(text: str, containing: str) -> str:
         (lambda t: t.replace("OBSERVATION DATA", "METEOROLOGY DATA", 1), "this is a RINEX meteorological file"),
         (lambda t: t.replace("OBSERVATION DATA", f"{'X':16}", 1), "a RINEX file of type"),
         (lambda t: t[: t.index(">")], "no epochs"),
-        (lambda t: t.replace("C1C S1C", "C5Q S5Q"), "no pseudorange of GPS L1 C/A; it has C5Q, S5Q; choose the systems C"),
+        (
+            lambda t: t.replace("C1C S1C", "C5Q S5Q"),
+            "no pseudorange of GPS L1 C/A; it has C5Q, S5Q; choose the systems C",
+        ),
         (lambda t: t.replace("2C2I", "2C6I").replace("C2I S2I", "C6I S6I"), "no pseudorange of BeiDou B1I"),
         (lambda t: t.replace("     GPS  ", "     GLO  "), "its times are UTC"),
         (lambda t: "\0" * 400, "binary data"),
@@ -106,7 +109,12 @@ def test_damaged_observation_files(change: Callable[[str], str], rule: str, tmp_
         (lambda t: t.replace("45.000", "4x.000", 1), 2, 0, ""),
         (lambda t: t.replace(" 0 20\nG02 ", " 0 19\nG02 ", 1), 2, 1, r"line 28 \(of no epoch\)"),
         (lambda t: t.replace("  0 20\nG02", "  x 20\nG02", 1), 1, 20, "line 8 and the 20 lines below"),
-        (lambda t: re.sub(r"(\nG05.{10})\.\d{3}", r"\1    ", t, count=1), 2, 1, r"decimals .*: line 10 \(G05, .*'\d{8}'"),
+        (
+            lambda t: re.sub(r"(\nG05.{10})\.\d{3}", r"\1    ", t, count=1),
+            2,
+            1,
+            r"decimals .*: line 10 \(G05, .*'\d{8}'",
+        ),
         (lambda t: without_line(t, "TIME OF FIRST"), 2, 0, "does not say of which system its times are"),
         (lambda t: t.replace("  2020     6", "  2o20     6", 1), 2, 0, "the header's TIME OF FIRST OBS"),
         (lambda t: t.replace("APPROX", "??????", 1), 2, 0, ""),
@@ -165,7 +173,11 @@ def test_damaged_navigation_files(
     ("change", "lost", "told"),
     [
         (lambda t: t[:-200], "C03", "the record of C03 at line 421 .truncated"),
-        (lambda t: field(t, "G05", 2, 3, "5.15365000x000e+03"), "G05", "the record of G05 at line 37 .bad/missing sqrtA"),
+        (
+            lambda t: field(t, "G05", 2, 3, "5.15365000x000e+03"),
+            "G05",
+            "the record of G05 at line 37 .'5.15365000x000e.03' at line 39",
+        ),
         (lambda t: field(t, "G05", 2, 3, "nan"), "G05", "the record of G05 at line 37"),
         (lambda t: field(t, "G05", 2, 3, "3.000000000000e+03"), "G05", "12:00:00 at line 37 .its sqrt_a is 3000"),
         (lambda t: field(t, "G05", 2, 1, "9.000000000000e-01"), "G05", "its e is 0.9, and no message can say other"),
@@ -185,9 +197,7 @@ def test_damaged_navigation_files(
         (lambda t: t.replace("G05 2020", "    2020"), "G05", "is followed by lines beyond its layout"),
     ],
 )
-def test_one_bad_record_costs_that_record(
-    change: Callable[[str], str], lost: str, told: str, tmp_path: Path
-) -> None:
+def test_one_bad_record_costs_that_record(change: Callable[[str], str], lost: str, told: str, tmp_path: Path) -> None:
     assert change(NAVIGATION) != NAVIGATION
     sound = read_rinex(*write_pair(tmp_path, OBSERVATIONS, NAVIGATION))
     found = read_rinex(*write_pair(tmp_path, OBSERVATIONS, change(NAVIGATION)))

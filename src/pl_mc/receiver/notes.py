@@ -65,9 +65,9 @@ def truth_notes(g: Geometry, errors_m: NDArray[np.float64], truth: Truth) -> lis
     left = g.in_view[usable]
     plain_m = np.sqrt(((residual[usable] / np.where(left, weight[usable], 1.0)) ** 2).sum() / redundancy[usable].sum())
     return [
-        f"At {far.sum()} of {usable.size} epochs the pseudoranges fit a position {np.median(distance_m[far]):.0f} m from "
-        f"the true position that was given ({truth.source}), with residuals of {plain_m:.1f} m: either the truth is not "
-        "the antenna's, or all pseudoranges are faulted alike."
+        f"At {far.sum()} of {usable.size} epochs the pseudoranges fit a position {np.median(distance_m[far]):.0f} m "
+        f"from the true position that was given ({truth.source}), with residuals of {plain_m:.1f} m: either the truth "
+        "is not the antenna's, or all pseudoranges are faulted alike."
     ]
 
 

@@ -111,7 +111,9 @@ def read_observations(path: str | Path, systems: Sequence[str]) -> Observations:
             _drop_shapeless(block, places, counts, by_name, shapeless)
             epochs.append((_gps_s(epoch.epoch) + behind_s, block, by_name))
     if shapeless:
-        said.append(f"Left out of {file.path.name}, as pseudoranges have three decimals and columns of their own: {listed(shapeless)}.")
+        said.append(
+            f"Left out of {file.path.name}, as pseudoranges have three decimals and columns of their own: {listed(shapeless)}."
+        )
 
     epochs = _in_order(file, _without_strangers(file, epochs, said), said)
     _tell_lost_columns(file, read, blocks, chosen, said)
@@ -164,7 +166,9 @@ def _chosen(
                 chosen[letter] = code
                 if code[-1] != codes[0][-1]:
                     name = names[listed_codes.index(code)] if file.generation == 2 else code
-                    said.append(f"{SYSTEM_NAMES[letter]} is read from {name}; {file.path.name} has no {codes[0]} of it.")
+                    said.append(
+                        f"{SYSTEM_NAMES[letter]} is read from {name}; {file.path.name} has no {codes[0]} of it."
+                    )
                 break
     return found, chosen
 
@@ -265,7 +269,9 @@ def _tell_lost_columns(
             continue
         for letter, code in chosen.items():
             if code not in library.codes(read.header_at(index), letter):
-                said.append(f"From line {block.number} of {file.path.name} on it has no {code} of {SYSTEM_NAMES[letter]}.")
+                said.append(
+                    f"From line {block.number} of {file.path.name} on it has no {code} of {SYSTEM_NAMES[letter]}."
+                )
 
 
 def _events(file: RinexText, read: Any, blocks: Sequence[Block], behind_s: float) -> tuple[Event, ...]:

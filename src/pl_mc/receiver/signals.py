@@ -72,9 +72,7 @@ class System:
 # components on its carrier: I, Q or X (both). RINEX 3.02 and some writers since name its codes after band 1, where
 # 3.03 and later have B1C. L1C (X, S, L) has a delay of its own against L1 C/A, which LNAV does not send.
 SIGNALS: tuple[Signal, ...] = (
-    Signal(
-        "G", "L1 C/A", ("C1C", "C1P", "C1W", "C1Y", "C1X", "C1S", "C1L"), ("C1", "P1"), FREQUENCY_L1_HZ, (1.0, 0.0)
-    ),
+    Signal("G", "L1 C/A", ("C1C", "C1P", "C1W", "C1Y", "C1X", "C1S", "C1L"), ("C1", "P1"), FREQUENCY_L1_HZ, (1.0, 0.0)),
     Signal("C", "B1I", ("C2I", "C1I", "C2X", "C2Q"), (), FREQUENCY_B1I_HZ, (1.0, 0.0), ("C1X", "C1Q")),
 )
 

@@ -18,10 +18,10 @@ from pl_mc.engine import Execution, solve
 from pl_mc.geometry import Geometry
 from pl_mc.geometry.gps_time import gps_dates
 from pl_mc.injection import Injection, inject, parse_injection
+from pl_mc.input_errors import InputError
 from pl_mc.receiver import read_receiver_series, read_truth
 from pl_mc.report.accuracy import DIRECTIONS, ERRORS, accuracy_m
 from pl_mc.report.document import Summary, TextTable
-from pl_mc.input_errors import InputError
 from pl_mc.report.figures import legend_below, limit_line, method_label, new_figure, series_style, shade
 from pl_mc.report.findings import Findings, Table, picture
 from pl_mc.report.text import metres, share_of, share_text
@@ -94,8 +94,8 @@ def _require_solution(experiment: ObserveExperiment, g: Geometry, notes: Sequenc
     best = int(np.argmax(seen - unknown))
     because = f" Notes: {' '.join(notes)}" if notes else ""
     raise InputError(
-        f"{experiment.observations}: no epoch has a solution; at best {seen[best]} satellites are in view (epoch "
-        f"{g.epoch[best]}), and {unknown[best]} are needed, three for the position and one for the clock of each "
+        f"{experiment.observations}: no epoch has a solution; at best {seen[best]} of the {unknown[best]} satellites "
+        f"that are needed are in view (epoch {g.epoch[best]}), three for the position and one for the clock of each "
         f"system.{because}"
     )
 
