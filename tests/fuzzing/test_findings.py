@@ -82,6 +82,9 @@ HEALTH = r"^     2\.0{12}e\+00 0\.0{12}e\+00-9\.3"
         (COMPACT, lambda t: t.replace("-13067609 0", "-1306760P 0"), "cannot be undone"),
         (COMPACT, lambda t: swapped(t, "APPROX", "^115751 0"), "no line of Hatanaka compression"),
         (COMPACT, lambda t: t[: t.rindex("\n", 0, -1)] + "\n", "cannot be undone"),
+        # Messages without health, and coefficients without a head.
+        (NAV_3, lambda t: re.sub(HEALTH, f"     2.000000000000e+00{'':19}-9.3", t, flags=re.M), "missing health field"),
+        (NAV_4, lambda t: t.replace("> ION G10 LNAV\n", ""), "no ionosphere coefficients"),
         # Almanacs that contradict themselves.
         ("YUMA almanac", lambda t: t.replace("PRN-05", "PRN-06"), "the heading says week 63 and PRN 6"),
         ("YUMA almanac", lambda t: t[: t.rindex("63")] + "6", "the heading says week 63"),
@@ -120,21 +123,21 @@ def test_what_was_taken_for_data_is_refused(
         # Values of RINEX 2 after a line too many or too few were taken for an event.
         (OBS_2, lambda t: twice(t, r" 7 +1\.230 +1\.230"), "it has more lines than its 9 satellites need"),
         (OBS_2, lambda t: without_line(t, r"^ 20  6 25", 1), "lines? .*of no epoch|more lines than its"),
-        (OBS_2, lambda t: swapped(t, r"\d{8}\.\d{3} 7", r"^ {9}1\.230 {11}1\.230$"), "three decimals|cannot be read"),
+        (OBS_2, lambda t: swapped(t, r"\d{8}\.\d{3} 7", r"^ {9}1\.230 {11}1\.230$"), "is like that|cannot be read"),
         (OBS_2, lambda t: swapped(t, r"^something", r"22799358\.782"), r"cannot be read: line \d+ \(G12"),
         # Columns that have moved, and digits that are none.
-        (OBS_3, lambda t: re.sub(r"\n(G\d\d)  (\d)", r"\n\1 \2", t, count=1), "three decimals .*: line 9"),
+        (OBS_3, lambda t: re.sub(r"\n(G\d\d)  (\d)", r"\n\1 \2", t, count=1), ": line 9"),
         (OBS_3, lambda t: re.sub(r"(\d{8})\.(\d{3})", r"\1-\2", t, count=1), "cannot be read: line 9"),
-        (OBS_3, lambda t: re.sub(r"(\d{8})\.(\d{3})", r"\1    ", t, count=1), "three decimals .*: line 9"),
+        (OBS_3, lambda t: re.sub(r"(\d{8})\.(\d{3})", r"\1    ", t, count=1), ": line 9"),
         (OBS_3, lambda t: re.sub(r"\n(G\d\d .*)", r"\n\1          1.000", t, count=1), ""),
         (OBS_3, lambda t: re.sub(r"(45\.00)0", r"\1x", t, count=1), ""),
-        (OBS_3, lambda t: re.sub(r"\nG\d\d .*", "\nG02  0", t, count=1), "three decimals .*: line 9"),
+        (OBS_3, lambda t: re.sub(r"\nG\d\d .*", "\nG02  0", t, count=1), ": line 9"),
         # A cut within the words of an event, and within a difference.
         (OBS_2, lambda t: t[: t.index("something") + 32], "the file is cut short in it"),
         (OBS_2, lambda t: t[: t.index("COMMENT\n 20  6 25") + 3], "the file is cut short in it"),
         (COMPACT, lambda t: t.rstrip("\n")[:-3], "the file is cut short in it"),
         # Satellites and systems that were skipped in silence.
-        (OBS_3, lambda t: re.sub(r"\nG\d\d", "\nG77", t, count=1), r"no such satellite: G77 \(line 8\)"),
+        (OBS_3, lambda t: re.sub(r"\nG\d\d", "\nG77", t, count=1), r"line 9 \(G77"),
         (OBS_3, lambda t: re.sub(r"\nG(\d)", r"\nE\1", t, count=1), r"line 9 \(E02"),
         (OBS_3, lambda t: re.sub(r"\nG(\d)", r"\n?\1", t, count=1), r"line 9 \(\?02"),
         # Times in columns that have moved, or that are none.
@@ -142,24 +145,16 @@ def test_what_was_taken_for_data_is_refused(
         (OBS_3, lambda t: t.replace("  2020     6    25", "  0     6    25", 1), "TIME OF FIRST OBS"),
         (OBS_3, lambda t: t.replace("0.0000000  0 20", "0.0000000  2020 20", 1), "line 8"),
         (OBS_3, lambda t: t.replace("> 2020 06 25", "> 2020 06 31", 1), r"the epoch of line 8 \(2020-06-31"),
-        (OBS_3, lambda t: t.replace("0.0000000  0 20", "0.0000000  9 20", 1), "the epoch of line 8 and the 20 lines below"),
+        (OBS_3, lambda t: t.replace("0.0000000  0 20", "0.0000000  9 20", 1), "line 8 and the 20 lines below"),
         # Numbers of an orbit that no satellite can send, or that have lost a digit.
         (NAV_3, lambda t: t.replace(" 4.500000000000e-09", " 1.700000000000e+00", 1), "its delta_n is 1.7"),
         (NAV_3, lambda t: re.sub(r"e-09(\d|-| )", r"e-0\1", t, count=1), "G01 .*at line 5"),
-        (NAV_3, lambda t: re.sub(HEALTH, f"     2.000000000000e+00{'':19}-9.3", t, flags=re.M), "the record of G01"),
         (NAV_3, lambda t: re.sub(r"(C\d\d 2020 06 )25", r"\g<1>26", t, count=1), "86400 s off its time of clock"),
         (NAV_3, lambda t: re.sub(r"\nC19", "\nC99", t, count=1), "the record of C99 .*no such satellite"),
-        # A record that is not read and has swallowed the head of one that is.
-        (NAV_4, lambda t: t.replace("> ION G10 LNAV\n", ""), "beyond its layout|ionosphere|system_time"),
     ],
 )  # fmt: skip
 def test_what_was_taken_for_data_is_told(name: str, change: Callable[[str], str], told: str, tmp_path: Path) -> None:
-    try:
-        found = read(name, change, tmp_path)
-    except InputError as error:
-        assert told
-        assert re.search(told, str(error)), error
-        return
+    found = read(name, change, tmp_path)
     if told:
         assert any(re.search(told, note) for note in found.notes), found.notes
     else:

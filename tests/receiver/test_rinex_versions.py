@@ -131,7 +131,7 @@ def test_damaged_observations_of_rinex_2(
         (lambda t: t.replace(" 20  6 25", " 20 13 25", 1), 7, "the epoch of line 6 .2020-13-25"),
         (lambda t: t.replace("R07", "G06", 1), 1, "G06 of the epoch of line 6 .*2 times, with other values"),
         (lambda t: t.replace("R07", "R00", 1), 0, r"line 13 \(R00, 2020-06-25 12:00:00\)"),
-        (lambda t: t.replace("E11", "G99", 1), 0, r"no such satellite: G99 \(line 6\)"),
+        (lambda t: t.replace("E11", "G99", 1), 0, r"line 23 \(G99, 2020"),
         (lambda t: twice(t, 7), 7, "line 6 .*it has more lines than its 9 satellites need"),
         (lambda t: "\n".join(t.split("\n")[:7] + t.split("\n")[8:]), 7, "line 6 .*it has fewer lines"),
         (lambda t: changed(t, 7, 34, "x"), 1, r"line 7 \(G02, 2020-06-25 12:00:00\)"),

@@ -273,7 +273,7 @@ def _merged(records: Iterable[Ephemeris]) -> dict[str, tuple[Ephemeris, ...]]:
 
 def _klobuchar(file: RinexText, left_out: list[str]) -> dict[str, NDArray[np.float64]]:
     """Coefficients of the ionosphere of a file, by system letter; those that cannot be are left out."""
-    found = {}
+    found: dict[str, NDArray[np.float64]] = {}
     for letter, lines in _ionosphere_texts(file):
         try:
             values = library.klobuchar("\n".join((file.header[0], *lines, "")))[letter]

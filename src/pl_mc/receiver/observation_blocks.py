@@ -92,19 +92,15 @@ class Block:
         rest = count - _VALUES_ON_A_LINE_2 * (len(satellite.lines) - 1)
         return not self.first.startswith(">") and bool(satellite.lines[-1][(_WIDTH + _GAP) * rest :].strip())
 
-    def text(self, satellites: Sequence[Satellite] | None = None) -> list[str]:
-        """Its lines, with these satellites alone."""
-        kept = self.satellites if satellites is None else tuple(satellites)
-        count = f"{len(self.records) if 2 <= self.flag <= 5 else len(kept):3d}"
-        values = [line for one in kept for line in one.lines]
+    def text(self) -> list[str]:
+        """Its lines, with the number of satellites or records that it has."""
+        below = [*self.records, *(line for one in self.satellites for line in one.lines)]
         if self.first.startswith(">"):
-            return [f"{self.first[: _FLAG_3 + 1]}{count}{self.first[_FLAG_3 + 4 :]}", *self.records, *values]
-        names = ["".join(one.name for one in kept[k : k + _NAMES_ON_A_LINE_2]) for k in range(0, len(kept), 12)]
-        head = f"{self.first[: _FLAG_2 + 1]}{count}"
-        return [f"{head if k == 0 else ' ' * _FIRST_NAME_2}{line}" for k, line in enumerate(names or [""])] + [
-            *self.records,
-            *values,
-        ]
+            return [f"{self.first[: _FLAG_3 + 1]}{self.count:3d}{self.first[_FLAG_3 + 4 :]}", *below]
+        names = "".join(one.name for one in self.satellites)
+        lines = [names[k : k + 36] for k in range(0, len(names), 36)] or [""]
+        head = f"{self.first[: _FLAG_2 + 1]}{self.count:3d}"
+        return [f"{head if k == 0 else ' ' * _FIRST_NAME_2}{line}" for k, line in enumerate(lines)] + below
 
 
 def readable(file: RinexText, wanted: dict[str, tuple[str, ...]]) -> tuple[Any, tuple[Block, ...], tuple[str, ...]]:

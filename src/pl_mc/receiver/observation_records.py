@@ -96,27 +96,23 @@ def read_observations(path: str | Path, systems: Sequence[str]) -> Observations:
     behind_s = _behind_gps_s(file, read, said)
     found, chosen = _chosen(file, read, candidates, said)
     policy = library.policy({letter: (code,) for letter, code in chosen.items()})
-    shapeless: list[str] = []
+    wrong: list[str] = []
     epochs: list[_Epoch] = []
-    places: dict[str, int] = {}
-    counts: dict[str, int] = {}
+    columns: dict[str, list[str]] = {}
     for index, (epoch, block) in enumerate(zip(read.epochs, blocks, strict=True)):
         if index == 0 or any(label_of(line) in COLUMNS for line in block.records):
-            header = read.header_at(index)
-            places = {letter: place for letter, code in chosen.items() for place in _place(header, letter, code)}
-            counts = {letter: len(library.codes(header, letter)) for letter in places}
+            columns = {letter: library.codes(read.header_at(index), letter) for letter in chosen}
+            for letter in [letter for letter, code in chosen.items() if code not in columns[letter]]:
+                where = f"From line {block.number} of {file.path.name} on"
+                said.append(f"{where} it has no {chosen[letter]} of {SYSTEM_NAMES[letter]}.")
         if epoch.flag < 2:
             values = read.pseudoranges(index, policy)
             by_name = dict(zip(values.satellites, values.ranges_m.tolist(), strict=True))
-            _drop_shapeless(block, places, counts, by_name, shapeless)
+            _drop_wrong(block, columns, chosen, by_name, wrong)
             epochs.append((_gps_s(epoch.epoch) + behind_s, block, by_name))
-    if shapeless:
-        said.append(
-            f"Left out of {file.path.name}, as pseudoranges have three decimals and columns of their own: {listed(shapeless)}."
-        )
-
-    epochs = _in_order(file, _without_strangers(file, epochs, said), said)
-    _tell_lost_columns(file, read, blocks, chosen, said)
+    if wrong:
+        said.append(f"Left out of {file.path.name}, as no satellite or no pseudorange is like that: {listed(wrong)}.")
+    epochs = _in_order(file, epochs, said)
     names = sorted({name for _, _, values in epochs for name in values}, key=lambda name: (name[0] != "G", name))
     column = {name: k for k, name in enumerate(names)}
     kept = [(time_s, values) for time_s, _, values in epochs if values]
@@ -179,37 +175,23 @@ def _ever_listed(read: Any, letter: str) -> tuple[str, ...]:
     return tuple(dict.fromkeys(code for _, header in timeline.segments() for code in library.codes(header, letter)))
 
 
-def _place(header: Any, letter: str, code: str) -> list[int]:
-    """The place of a code among those of its system; none where it is not there."""
-    codes = library.codes(header, letter)
-    return [codes.index(code)] if code in codes else []
-
-
-def _drop_shapeless(
-    block: Block, places: Mapping[str, int], counts: Mapping[str, int], values: dict[str, float], said: list[str]
+def _drop_wrong(
+    block: Block,
+    columns: Mapping[str, Sequence[str]],
+    chosen: Mapping[str, str],
+    values: dict[str, float],
+    said: list[str],
 ) -> None:
-    """Take away what the library reads where digits have been lost, or where lines have changed places."""
+    """Take away satellites that do not exist, and values that have lost digits or whose lines have changed places."""
     for one in block.satellites:
-        letter = one.name[:1].strip() or "G"
-        if letter not in places:
+        letter, number = one.name[:1].strip() or "G", one.name[1:].strip()
+        if letter not in chosen or chosen[letter] not in columns[letter]:
             continue
-        field = block.field(one, places[letter])
-        if (field.strip() and not _VALUE.fullmatch(field)) or block.is_overfull(one, counts[letter]):
-            values.pop(f"{letter}{one.name[1:].strip():0>2}", None)
+        field = block.field(one, columns[letter].index(chosen[letter]))
+        misshapen = (field.strip() and not _VALUE.fullmatch(field)) or block.is_overfull(one, len(columns[letter]))
+        if misshapen or not 1 <= int(number) <= SYSTEMS[letter].highest_number:
+            values.pop(f"{letter}{number:0>2}", None)
             said.append(f"line {one.number} ({one.name}, {block.when}: {field.strip()!r})")
-
-
-def _without_strangers(file: RinexText, epochs: list[_Epoch], said: list[str]) -> list[_Epoch]:
-    """The epochs without satellites whose number their system does not have."""
-    strange: dict[str, int] = {}
-    for _, block, values in epochs:
-        for name in [name for name in values if not 1 <= int(name[1:]) <= SYSTEMS[name[0]].highest_number]:
-            del values[name]
-            strange.setdefault(name, block.number)
-    if strange:
-        named = listed([f"{name} (line {line})" for name, line in strange.items()])
-        said.append(f"Left out of {file.path.name}, as there is no such satellite: {named}.")
-    return epochs
 
 
 def _in_order(file: RinexText, epochs: list[_Epoch], said: list[str]) -> list[_Epoch]:
@@ -225,11 +207,13 @@ def _in_order(file: RinexText, epochs: list[_Epoch], said: list[str]) -> list[_E
             kept.append(epoch)
             continue
         one, other = earlier[2], epoch[2]
-        if any(abs(one[name] - other[name]) > _SAME_M for name in one.keys() & other.keys()):
+        common = one.keys() & other.keys()
+        if any(abs(one[name] - other[name]) > _SAME_M for name in common):
             unlike.append(epoch)
-        else:
+            continue
+        if common:
             alike.append(epoch)
-            one.update(other)
+        one.update(other)
     places = _longest_increasing([time_s for time_s, _, _ in kept])
     inside = set(places)
     for sort, what in (
@@ -258,20 +242,6 @@ def _longest_increasing(times_s: Sequence[float]) -> list[int]:
         places.append(k)
         k = before[k]
     return places[::-1]
-
-
-def _tell_lost_columns(
-    file: RinexText, read: Any, blocks: Sequence[Block], chosen: Mapping[str, str], said: list[str]
-) -> None:
-    """Say where an event takes from the file what is read of it."""
-    for index, block in enumerate(blocks):
-        if not any(label_of(line) in COLUMNS for line in block.records):
-            continue
-        for letter, code in chosen.items():
-            if code not in library.codes(read.header_at(index), letter):
-                said.append(
-                    f"From line {block.number} of {file.path.name} on it has no {code} of {SYSTEM_NAMES[letter]}."
-                )
 
 
 def _events(file: RinexText, read: Any, blocks: Sequence[Block], behind_s: float) -> tuple[Event, ...]:

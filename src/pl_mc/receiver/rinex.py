@@ -114,10 +114,10 @@ def read_rinex(
     observations = read_observations(observation_path, letters)
     navigation = read_navigation(paths, letters)
     used, notes = _used_systems(observations, navigation, paths, letters, asked=systems is not None)
-    columns = [k for k, name in enumerate(observations.names) if name[0] in used]
+    columns = np.array([k for k, name in enumerate(observations.names) if name[0] in used])
     rows = np.isfinite(observations.pseudorange_m[:, columns]).any(axis=1)
     names = tuple(observations.names[k] for k in columns)
-    pseudorange_m = observations.pseudorange_m[np.ix_(rows, columns)]
+    pseudorange_m = observations.pseudorange_m[rows][:, columns]
     time_gps_s = observations.time_gps_s[rows]
     state, position_m, clock_m = _states(time_gps_s, names, pseudorange_m, navigation)
     _require_same_time(observations, navigation, paths, time_gps_s, state, used)
@@ -315,9 +315,9 @@ def _ionosphere(
         )
     if model is None:
         raise InputError(
-            f"{_named(paths)}: no ionosphere coefficients of GPS or BeiDou (GPSA and GPSB, BDSA and BDSB, ION ALPHA and "
-            "ION BETA in the header, > ION records of RINEX 4); give a further navigation file that has them, or choose "
-            "the ionosphere none (--ionosphere none), which leaves its delay in."
+            f"{_named(paths)}: no ionosphere coefficients of GPS or BeiDou (GPSA and GPSB, BDSA and BDSB, ION ALPHA "
+            "and ION BETA in the header, > ION records of RINEX 4); give a further navigation file that has them, or "
+            "choose the ionosphere none (--ionosphere none), which leaves its delay in."
         )
     if model == "C" and "G" in used:
         notes.append("The ionosphere is corrected with the coefficients of BeiDou; there are none of GPS.")

@@ -14,7 +14,7 @@ import zipfile
 import zlib
 from collections.abc import Callable, Mapping
 from pathlib import Path
-from typing import IO
+from typing import IO, Any
 
 from pl_mc.input_errors import InputError
 
@@ -121,10 +121,10 @@ def _compressed(content: bytes) -> IO[bytes]:
     return io.BytesIO(b"".join(parts))
 
 
-_PACKINGS: Mapping[bytes, tuple[str, Callable[[bytes], IO[bytes]]]] = {
-    b"\x1f\x8b": ("gzip", lambda content: gzip.GzipFile(fileobj=io.BytesIO(content))),  # type: ignore[dict-item]
-    b"BZh": ("bzip2", lambda content: bz2.BZ2File(io.BytesIO(content))),  # type: ignore[dict-item]
-    b"\xfd7zXZ\0": ("xz", lambda content: lzma.LZMAFile(io.BytesIO(content))),  # type: ignore[dict-item]
+_PACKINGS: Mapping[bytes, tuple[str, Callable[[bytes], Any]]] = {
+    b"\x1f\x8b": ("gzip", lambda content: gzip.GzipFile(fileobj=io.BytesIO(content))),
+    b"BZh": ("bzip2", lambda content: bz2.BZ2File(io.BytesIO(content))),
+    b"\xfd7zXZ\0": ("xz", lambda content: lzma.LZMAFile(io.BytesIO(content))),  # noqa: SIM115
     b"PK\x03\x04": ("zip", _zipped),
     b"\x1f\x9d": (".Z", _compressed),
 }
