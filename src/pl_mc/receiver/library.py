@@ -9,9 +9,6 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from typing import Any
 
-import numpy as np
-from numpy.typing import NDArray
-
 # Its names of the systems that RINEX knows.
 SYSTEMS: Mapping[str, str] = {
     "G": "GPS", "C": "BEIDOU", "E": "GALILEO", "J": "QZSS", "R": "GLONASS", "I": "NAVIC", "S": "SBAS",
@@ -38,13 +35,6 @@ def observations(text: str) -> Any:
 def navigation(text: str) -> Any:
     """A ``RinexNavParse`` of RINEX text, versions 2, 3 and 4; records that cannot be read are listed in it."""
     return _call("parse_rinex_nav_lenient", text)
-
-
-def klobuchar(text: str) -> dict[str, NDArray[np.float64]]:
-    """(8,) coefficients alpha and beta of G (GPS) and C (BeiDou), as far as a navigation text has them."""
-    found = _call("parse_rinex_iono_corrections", text)
-    sets = {"G": found.gps, "C": found.beidou}
-    return {letter: np.concatenate([one.alpha, one.beta]) for letter, one in sets.items() if one is not None}
 
 
 def codes(header: Any, system: str) -> list[str]:

@@ -9,7 +9,7 @@ from __future__ import annotations
 import itertools
 import math
 import re
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from datetime import timedelta
 from pathlib import Path
@@ -21,7 +21,7 @@ from numpy.typing import NDArray
 from pl_mc.geometry.gps_time import GPS_EPOCH
 from pl_mc.input_errors import InputError
 from pl_mc.receiver import library
-from pl_mc.receiver.rinex_text import RinexText, listed, read_rinex_text
+from pl_mc.receiver.rinex_text import RinexText, label_of, listed, read_rinex_text
 from pl_mc.receiver.signals import SYSTEMS
 
 # What the elements of an orbit can be: the reach of their bits, the wider one of GPS and BeiDou, angles up to a turn.
@@ -59,9 +59,10 @@ _WIDTH, _ROWS = 19, 7
 _WEEK_S, _WEEKS_PER_CYCLE = 604_800.0, 1024
 
 # Header lines with coefficients of the ionosphere: of RINEX 2, and of RINEX 3 by their first four letters.
-_IONOSPHERE_2 = ("ION ALPHA", "ION BETA")
+_IONOSPHERE_2: Mapping[str, tuple[str, str]] = {"G": ("ION ALPHA", "ION BETA")}
 _IONOSPHERE_3: Mapping[str, tuple[str, str]] = {"G": ("GPSA", "GPSB"), "C": ("BDSA", "BDSB")}
-_ION_DATE = slice(4, 23)
+_ION = re.compile(r"> ION (?:G.. +LNAV|C.. +D1D2)", re.ASCII)
+_ION_WIDTH = 12
 
 
 @dataclass(frozen=True)
@@ -172,11 +173,9 @@ def _without_misshapen(file: RinexText, systems: Sequence[str], left_out: list[s
         if name[0] not in systems:
             continue
         for k in range(start, min(start + _ROWS, stop)):
-            fields = body[k][first if k == start else begin :].rstrip()
-            parts = [fields[at : at + _WIDTH] for at in range(0, min(len(fields), 4 * _WIDTH), _WIDTH)]
-            bad = next((part for part in parts if part.strip() and not _NUMBER.fullmatch(part)), None)
-            if bad is not None:
-                left_out.append(f"the record of {name} at line {file.number(start)} ({bad.strip()!r} at line "
+            bad = _misshapen(_fields(body[k][first if k == start else begin :], 4))
+            if bad:
+                left_out.append(f"the record of {name} at line {file.number(start)} ({bad!r} at line "
                                 f"{file.number(k)} is not a number of {_WIDTH} columns)")  # fmt: skip
                 # RINEX 4 has a line that announces the record.
                 before = start - 1 if start and body[start - 1].startswith(">") else start
@@ -274,35 +273,36 @@ def _merged(records: Iterable[Ephemeris]) -> dict[str, tuple[Ephemeris, ...]]:
 def _klobuchar(file: RinexText, left_out: list[str]) -> dict[str, NDArray[np.float64]]:
     """Coefficients of the ionosphere of a file, by system letter; those that cannot be are left out."""
     found: dict[str, NDArray[np.float64]] = {}
-    for letter, lines in _ionosphere_texts(file):
-        try:
-            values = library.klobuchar("\n".join((file.header[0], *lines, "")))[letter]
-            if not (np.abs(values) <= _LARGEST_KLOBUCHAR).all():
-                raise library.Unreadable("no message can say so")
+    for letter, fields in _ionosphere_fields(file):
+        bad = _misshapen(fields, len(fields[0])) if len(fields) == 8 and all(map(str.strip, fields)) else "not eight"
+        values = np.zeros(8) if bad else np.array([float(one.upper().replace("D", "E")) for one in fields])
+        if bad or not (np.abs(values) <= _LARGEST_KLOBUCHAR).all():
+            left_out.append(f"coefficients of the ionosphere of {letter} ({bad or 'no message can say so'})")
+        else:
             found.setdefault(letter, values)
-        except (library.Unreadable, KeyError) as error:
-            reason = error if isinstance(error, library.Unreadable) else "they are not complete"
-            left_out.append(f"the coefficients of the ionosphere of {letter} ({reason})")
     return found
 
 
-def _ionosphere_texts(file: RinexText) -> list[tuple[str, list[str]]]:
-    """The lines that the coefficients of a system stand in, header and records; of RINEX 4 those sent first first."""
-    end = file.header[-1]
-    if file.generation == 2:
-        lines = file.labelled(_IONOSPHERE_2)
-        return [("G", [*lines, end])] if lines else []
-    if file.generation == 3:
-        given = file.labelled(("IONOSPHERIC CORR",))
-        pairs = {letter: [line for line in given if line[:4] in pair] for letter, pair in _IONOSPHERE_3.items()}
-        return [(letter, [*lines, end]) for letter, lines in pairs.items() if lines]
-    starts = [k for k, line in enumerate(file.body) if line.startswith(">")]
-    records = [file.body[start:stop] for start, stop in zip(starts, [*starts, len(file.body)][1:], strict=True)]
-    kept = [(line[0][6:7], [end, *line]) for line in records if _is_ionosphere(line[0]) and len(line) > 1]
-    return sorted(kept, key=lambda one: one[1][2][_ION_DATE])
+def _ionosphere_fields(file: RinexText) -> Iterator[tuple[str, list[str]]]:
+    """The eight numbers of each system in the header, or in records of RINEX 4 in the order of their dates."""
+    if file.generation == 4:
+        starts = [k for k, line in enumerate(file.body) if _ION.match(line) and len(file.body) > k + 3]
+        for k in sorted(starts, key=lambda k: file.body[k + 1][4:23]):
+            first, second, third = file.body[k + 1 : k + 4]
+            yield file.body[k][6], [*_fields(first[23:], 3), *_fields(second[4:], 4), *_fields(third[4:], 1)]
+        return
+    labels, begin = (_IONOSPHERE_2, 2) if file.generation == 2 else (_IONOSPHERE_3, 5)
+    for letter, pair in labels.items():
+        lines = [next((line for line in file.header if label in (line[:4], label_of(line))), "") for label in pair]
+        if any(lines):
+            yield letter, [field for line in lines for field in _fields(line[begin:60], 4, _ION_WIDTH)]
 
 
-def _is_ionosphere(line: str) -> bool:
-    """Whether a line begins a record of the ionosphere of GPS or BeiDou in RINEX 4."""
-    words = line.split()
-    return len(words) >= 4 and words[1] == "ION" and (words[2][0], words[3]) in (("G", "LNAV"), ("C", "D1D2"))
+def _fields(text: str, count: int, width: int = _WIDTH) -> list[str]:
+    """The columns of each number of a line, as far as it goes."""
+    return [text[at : at + width] for at in range(0, min(len(text.rstrip()), count * width), width)]
+
+
+def _misshapen(fields: Sequence[str], width: int = _WIDTH) -> str:
+    """The first field that is neither blank nor a number that ends with its columns; empty where there is none."""
+    return next((f.strip() for f in fields if f.strip() and not (len(f) == width and _NUMBER.fullmatch(f))), "")
