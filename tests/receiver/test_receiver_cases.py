@@ -128,7 +128,7 @@ def test_repeated_header_lines_of_a_splice_are_harmless_in_rinex_2(tmp_path: Pat
 
 def test_columns_that_really_change_are_followed(sound: ReceiverSeries, tmp_path: Path) -> None:
     types = f"{'G    2 L1C C1C':60}SYS / # / OBS TYPES"
-    at = before_second(OBS, "MARK").index("MARK")
+    at = before_second(OBS, "@@@").index("@@@")
     second = re.sub(r"^(G\d\d)(.{14})..(.{14}).*$", r"\1\3  \2", OBS[at:], flags=re.M)
     found = read(tmp_path, OBS[:at] + f"{EVENT}\n{types}\n" + second)
     np.testing.assert_array_equal(found.errors_m, sound.errors_m)

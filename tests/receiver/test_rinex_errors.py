@@ -42,6 +42,14 @@ def doubled(text: str, name: str) -> str:
     return "\n".join([*lines[: at + 1], *lines[at:]]).replace(" 0 20\nG02", " 0 21\nG02", 1)
 
 
+def moved(text: str, label: str, name: str) -> str:
+    """A line stands before that of a satellite in the last epoch."""
+    lines = text.split("\n")
+    line = lines.pop(next(k for k, one in enumerate(lines) if label in one))
+    at = max(k for k, one in enumerate(lines) if one.startswith(name))
+    return "\n".join([*lines[:at], line, *lines[at:]])
+
+
 def field(text: str, name: str, row: int, column: int, value: str) -> str:
     """A navigation file with another number in the record of a satellite."""
     lines = text.split("\n")
@@ -110,6 +118,12 @@ def test_damaged_observation_files(change: Callable[[str], str], rule: str, tmp_
         (lambda t: t.replace(" 0 20\nG02 ", " 0 19\nG02 ", 1), 2, 1, r"line 28 \(of no epoch\)"),
         (lambda t: t.replace("  0 20\nG02", "  x 20\nG02", 1), 1, 20, "line 8 and the 20 lines below"),
         (lambda t: re.sub(r"(\nG05.{10})\.\d{3}", r"\1    ", t, count=1), 2, 1, r"like that: line 10 \(G05, .*'\d{8}'"),
+        (
+            lambda t: moved(t, "END OF HEADER", ">"),
+            1,
+            20,
+            r"line 7 \(in the header, without a label\); line 8 \(in the header",
+        ),
         (lambda t: without_line(t, "TIME OF FIRST"), 2, 0, "does not say of which system its times are"),
         (lambda t: t.replace("  2020     6", "  2o20     6", 1), 2, 0, "the header's TIME OF FIRST OBS"),
         (lambda t: t.replace("APPROX", "??????", 1), 2, 0, ""),

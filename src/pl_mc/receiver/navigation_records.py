@@ -135,7 +135,7 @@ def read_navigation(paths: Sequence[str | Path], systems: Sequence[str]) -> Navi
 
 def _ephemerides(file: RinexText, systems: Sequence[str]) -> tuple[list[Ephemeris], list[str]]:
     """The sound records of a file, and what is to be said of the others."""
-    left_out: list[str] = []
+    left_out = file.without_label()
     body = _without_misshapen(file, systems, left_out)
     try:
         read = library.navigation("\n".join((*file.header, *body, "")))

@@ -114,7 +114,7 @@ def readable(file: RinexText, wanted: dict[str, tuple[str, ...]]) -> tuple[Any, 
     Raises:
         InputError: a header that cannot be read, or nothing after it that can.
     """
-    left_out: list[str] = []
+    left_out = file.without_label()
     header = _header(file, wanted, left_out)
     body, file_end = _whole_lines(file, left_out)
     made = _blocks_2(file, body, left_out) if file.generation == 2 else _blocks_3(file, body, left_out)

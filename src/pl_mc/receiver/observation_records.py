@@ -30,6 +30,7 @@ _FARTHEST_M = 1e9
 # Pseudoranges are written to a millimetre; of the same epoch they are the same.
 _SAME_M = 1.5e-3
 
+_NAME = re.compile(r"[A-Z ][ \d]\d", re.ASCII)
 _VALUE = re.compile(r" *-?\d*\.\d{3}", re.ASCII)
 
 # Header lines that say where the antenna is, or whose it is.
@@ -184,12 +185,15 @@ def _drop_wrong(
 ) -> None:
     """Take away satellites that do not exist, and values that have lost digits or whose lines have changed places."""
     for one in block.satellites:
-        letter, number = one.name[:1].strip() or "G", one.name[1:].strip()
+        name = one.name.strip()
+        letter = name[:1] if name[:1].isalpha() else "G"
+        number = name.removeprefix(letter).strip()
         if letter not in chosen or chosen[letter] not in columns[letter]:
             continue
         field = block.field(one, columns[letter].index(chosen[letter]))
         misshapen = (field.strip() and not _VALUE.fullmatch(field)) or block.is_overfull(one, len(columns[letter]))
-        if misshapen or not 1 <= int(number) <= SYSTEMS[letter].highest_number:
+        named = _NAME.fullmatch(one.name) and 1 <= int(number) <= SYSTEMS[letter].highest_number
+        if misshapen or not named:
             values.pop(f"{letter}{number:0>2}", None)
             said.append(f"line {one.number} ({one.name}, {block.when}: {field.strip()!r})")
 

@@ -15,6 +15,7 @@ _KINDS = {"O": "observation", "N": "navigation", "M": "meteorological", "C": "cl
 # RINEX 2 has a kind of navigation file for each of the other systems.
 _KINDS_2 = {**_KINDS, "G": "navigation", "H": "navigation"}
 
+_LABEL = re.compile(r"[A-Z]{2}", re.ASCII)
 _VERSION = re.compile(r"([234])(\.\d?\d?)?", re.ASCII)
 
 # What compact records hold: differences, flags and changed satellites; no point and no small letter.
@@ -56,6 +57,12 @@ class RinexText:
     def labelled(self, labels: Collection[str]) -> list[str]:
         """The header lines with one of those labels."""
         return [line for line in self.header if label_of(line) in labels]
+
+    def without_label(self) -> list[str]:
+        """Header lines that have none, in words: what stands there may be an epoch or a record."""
+        first = self.before - len(self.header) + 1
+        odd = [k for k, line in enumerate(self.header) if line.strip() and not _LABEL.search(label_of(line))]
+        return [f"line {first + k} (in the header, without a label)" for k in odd]
 
     def number(self, index: int) -> int:
         """Line number of a line of the body, for messages."""
