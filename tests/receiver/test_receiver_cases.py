@@ -326,6 +326,12 @@ def test_several_navigation_files_are_one(sound: ReceiverSeries, tmp_path: Path)
         once = read_navigation([tmp_path / "all.nav"], ("G", "C")).ephemerides
         merged = read_navigation(paths, ("G", "C")).ephemerides
         assert {name: len(every) for name, every in merged.items()} == {n: len(e) for n, e in once.items()}
+    glonass = f"{'2.10':>9}{'':11}{'GLONASS NAV DATA':40}RINEX VERSION / TYPE\n{'':60}END OF HEADER\n"
+    (tmp_path / "other.20g").write_text(glonass)
+    paths = tmp_path / "all.nav", tmp_path / "other.20g"
+    found = read_receiver_series(tmp_path / "made.obs", paths, read_truth(TRUTH))
+    np.testing.assert_array_equal(found.errors_m, sound.errors_m)
+    assert "Left out of other.20g: all of it, which is of other systems." in found.notes
     with pytest.raises(InputError, match=r"gps.nav and .*bds.nav: no ionosphere coefficients"):
         read_rinex(tmp_path / "made.obs", [tmp_path / "gps.nav", tmp_path / "bds.nav"])
     with pytest.raises(InputError, match="a navigation file is needed, and none is given"):

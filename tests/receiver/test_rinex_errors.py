@@ -256,6 +256,26 @@ def test_exchanged_files_are_named(tmp_path: Path) -> None:
     assert "a RINEX observation file, and the navigation file" in refused((observations, observations))
 
 
+@pytest.mark.parametrize(
+    ("arguments", "options", "rule"),
+    [
+        ((7, "x"), {}, "observation: the path of a file is needed, not 7"),
+        (("obs", 7), {}, "navigation: the path of a file is needed, not 7"),
+        (("obs", [7]), {}, "navigation: the path of a file is needed, not 7"),
+        (("obs", "x"), {"systems": 7}, "systems: a sequence of RINEX letters is needed, not 7"),
+        (("obs", "x"), {"systems": (7,)}, "systems: 7 is not read"),
+        (("obs", "x"), {"ionosphere": 7}, "ionosphere: 7 is unknown"),
+    ],
+)
+def test_strange_arguments_are_a_sentence(
+    arguments: tuple, options: dict, rule: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    (tmp_path / "obs").write_text(OBSERVATIONS)
+    with pytest.raises(InputError, match=rule):
+        read_rinex(*arguments, **options)
+
+
 def test_missing_files_and_folders_are_named(tmp_path: Path) -> None:
     observations, navigation = write_pair(tmp_path, OBSERVATIONS, NAVIGATION)
     assert "there is no such file" in refused((tmp_path / "other.obs", navigation))

@@ -135,6 +135,8 @@ def read_navigation(paths: Sequence[str | Path], systems: Sequence[str]) -> Navi
 
 def _ephemerides(file: RinexText, systems: Sequence[str]) -> tuple[list[Ephemeris], list[str]]:
     """The sound records of a file, and what is to be said of the others."""
+    if file.generation == 2 and file.header[0][20] != "N":
+        return [], ["all of it, which is of other systems"]
     left_out = file.without_label()
     body = _without_misshapen(file, systems, left_out)
     try:

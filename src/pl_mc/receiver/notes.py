@@ -52,7 +52,7 @@ def truth_notes(g: Geometry, errors_m: NDArray[np.float64], truth: Truth) -> lis
     inverse = np.linalg.pinv(np.einsum("eni,enj->eij", design, design))
     solution = np.einsum("eij,enj,en->ei", inverse, design, errors_m * weight)
     residual = errors_m * weight - np.einsum("eni,ei->en", design, solution)
-    redundancy = g.in_view.sum(axis=1) - np.linalg.matrix_rank(design)
+    redundancy = g.in_view.sum(axis=1) - g.unknown_count
     usable = redundancy > 0
     if not usable.any():
         return []

@@ -160,14 +160,16 @@ def _date(time_gps_s: float) -> datetime:
 
 
 def _checked_systems(systems: Sequence[str]) -> tuple[str, ...]:
+    if not isinstance(systems, Sequence):
+        raise InputError(f"systems: a sequence of RINEX letters is needed, not {shown(systems)}.")
     letters = tuple(systems)
     for letter in letters:
         if letter not in SYSTEMS:
-            several = isinstance(letter, str) and len(letter) > 1 and set(letter) <= {*SYSTEMS, " ", ";"}
-            hint = f"; they are separated by commas: {','.join(one for one in letter if one in SYSTEMS)}"
+            hint = ""
+            if isinstance(letter, str) and len(letter) > 1 and set(letter) <= {*SYSTEMS, " ", ";"}:
+                hint = f"; they are separated by commas: {','.join(one for one in letter if one in SYSTEMS)}"
             raise InputError(
-                f"systems: {shown(letter)} is not read from receiver files; G (GPS) and C (BeiDou) are"
-                f"{hint if several else ''}."
+                f"systems: {shown(letter)} is not read from receiver files; G (GPS) and C (BeiDou) are{hint}."
             )
     if not letters or len(set(letters)) != len(letters):
         raise InputError(
@@ -177,7 +179,7 @@ def _checked_systems(systems: Sequence[str]) -> tuple[str, ...]:
 
 
 def _checked_paths(given: str | Path | Sequence[str | Path]) -> tuple[str | Path, ...]:
-    paths = (given,) if isinstance(given, str | os.PathLike) else tuple(given)
+    paths = (given,) if isinstance(given, str | os.PathLike) or not isinstance(given, Sequence) else tuple(given)
     if not paths:
         raise InputError("navigation: a navigation file is needed, and none is given.")
     return paths

@@ -2,12 +2,13 @@
 
 from __future__ import annotations
 
+import os
 import re
 from collections.abc import Collection
 from dataclasses import dataclass
 from pathlib import Path
 
-from pl_mc.input_errors import InputError
+from pl_mc.input_errors import InputError, shown
 from pl_mc.receiver import library
 from pl_mc.runtime.unpacking import LARGEST_BYTES, read_unzipped
 
@@ -87,6 +88,8 @@ def read_rinex_text(path: str | Path, kind: str) -> RinexText:
     Raises:
         InputError: the file is missing, empty, not RINEX, of another version or of another kind.
     """
+    if not isinstance(path, str | os.PathLike):
+        raise InputError(f"{kind}: the path of a file is needed, not {shown(path)}.")
     path = Path(path)
     content = read_unzipped(path).removeprefix(b"\xef\xbb\xbf")
     text = content.decode("latin-1") if content.isascii() else content.decode("ascii", "replace").replace("\ufffd", "?")
