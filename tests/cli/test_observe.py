@@ -188,11 +188,13 @@ def drawn(count: int, step_s: float, largest_m: float) -> Figure:
         "method": ["ls", "igg3"] * count, "faulted": np.isin(epochs, (3, 4, 7)), "vpl_m": 5.0,
         **{column: np.sin(epochs) for column in ("east_m", "north_m", "up_m")},
     })  # fmt: skip
-    table.loc[4, "vpl_m"] = largest_m
+    table.loc[2, "vpl_m"] = largest_m
     return error_figure.__wrapped__(table, alert=LPV_200, title="A title of some length about a station")
 
 
-@pytest.mark.parametrize(("count", "step_s", "largest_m"), [(10, 30.0, 6.0), (200, 30.0, 90.0), (200, 900.0, 2e4)])
+@pytest.mark.parametrize(
+    ("count", "step_s", "largest_m"), [(4, 1.0, 6.0), (10, 30.0, 6.0), (200, 30.0, 90.0), (200, 900.0, 2e4)]
+)
 def test_the_figure_shows_all_levels_over_time_with_the_legend_apart(
     count: int, step_s: float, largest_m: float
 ) -> None:

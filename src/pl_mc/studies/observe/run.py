@@ -192,6 +192,7 @@ def error_figure(table: pd.DataFrame, *, alert: AlertLimits, title: str) -> Figu
     dates = AutoDateLocator()
     axes[3].xaxis.set_major_locator(dates)
     form = ConciseDateFormatter(dates, show_offset=False)
+    form.formats[5] = "%H:%M:%S"
     if table.time.iloc[-1] - table.time.iloc[0] <= pd.Timedelta(days=1):
         form.zero_formats[3] = "%H:%M"
     axes[3].xaxis.set_major_formatter(form)
