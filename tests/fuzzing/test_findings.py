@@ -150,6 +150,7 @@ def test_what_was_taken_for_data_is_refused(
         (NAV_3, lambda t: t.replace(" 4.500000000000e-09", " 1.700000000000e+00", 1), "its delta_n is 1.7"),
         (NAV_3, lambda t: re.sub(r"e-09(\d|-| )", r"e-0\1", t, count=1), "G01 .*at line 5"),
         (NAV_3, lambda t: re.sub(r"(C\d\d 2020 06 )25", r"\g<1>26", t, count=1), "86400 s off its time of clock"),
+        (NAV_3, lambda t: re.sub(r"-09\n", r"-07?[mY\n", t, count=1), "G01 .*at line 5"),
         (NAV_3, lambda t: re.sub(r"\nC19", "\nC99", t, count=1), "the record of C99 .*no such satellite"),
     ],
 )  # fmt: skip

@@ -175,7 +175,8 @@ def _without_misshapen(file: RinexText, systems: Sequence[str], left_out: list[s
         if name[0] not in systems:
             continue
         for k in range(start, min(start + _ROWS, stop)):
-            bad = _misshapen(_fields(body[k][first if k == start else begin :], 4))
+            text = body[k][first if k == start else begin :]
+            bad = _misshapen(_fields(text, 4)) or text[4 * _WIDTH :].strip()
             if bad:
                 left_out.append(f"the record of {name} at line {file.number(start)} ({bad!r} at line "
                                 f"{file.number(k)} is not a number of {_WIDTH} columns)")  # fmt: skip
