@@ -169,14 +169,16 @@ def _without_misshapen(file: RinexText, systems: Sequence[str], left_out: list[s
     """
     body = list(file.body)
     begin, first = (3, 22) if file.generation == 2 else (4, 23)
-    starts = [k for k, line in enumerate(body) if line[: begin - 1].strip()] + [len(body)]
+    head = re.compile(r"[ \d]\d " if file.generation == 2 else r"[A-Z>]", re.ASCII)
+    starts = [k for k, line in enumerate(body) if head.match(line)] + [len(body)]
     for start, stop in itertools.pairwise(starts):
         name = body[start][:3].replace(" ", "0") if file.generation > 2 else f"G{body[start][:2].strip():0>2}"
         if name[0] not in systems:
             continue
-        for k in range(start, min(start + _ROWS, stop)):
+        for k in range(start, min(start + _ROWS + 1, stop)):
             text = body[k][first if k == start else begin :]
-            bad = _misshapen(_fields(text, 4)) or text[4 * _WIDTH :].strip()
+            bad = _misshapen(_fields(text, 4 if k < start + _ROWS else 0)) or text[4 * _WIDTH :].strip()
+            bad = bad or (body[k][:begin].strip() if k > start else "")
             if bad:
                 left_out.append(f"the record of {name} at line {file.number(start)} ({bad!r} at line "
                                 f"{file.number(k)} is not a number of {_WIDTH} columns)")  # fmt: skip
