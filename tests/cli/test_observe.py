@@ -5,9 +5,13 @@ from __future__ import annotations
 import json
 from pathlib import Path
 
+import matplotlib.dates as mdates
+import numpy as np
 import pandas as pd
 import pytest
+from matplotlib.figure import Figure
 
+from pl_mc.alert import LPV_200
 from pl_mc.cli.main import main
 from pl_mc.experiments.checking import check_experiment
 from pl_mc.experiments.loading import build_experiment
@@ -15,6 +19,7 @@ from pl_mc.injection import Injection, parse_injection
 from pl_mc.input_errors import InputError
 from pl_mc.report.run_folder import read_run_folder
 from pl_mc.studies.observe import STUDY
+from pl_mc.studies.observe.run import error_figure
 
 ESBC_TRUTH = "3582104.8991,532590.1966,5232755.2961"
 
@@ -87,6 +92,8 @@ def test_the_car_data_run(tmp_path: Path, data_folder: Path) -> None:
         (["--fault", "G02:+30m:400-410"], "out of view"),
         (["--systems", "G,E"], "E"),
         (["--systems", "Q"], "Q"),
+        (["--systems", "GC"], "they are separated by commas: G,C"),
+        (["--ionosphere", "klobuchar"], "'broadcast' or 'none'"),
         (["--method", "ls2"], "nearest: ls"),
     ],
 )
@@ -98,6 +105,121 @@ def test_what_observe_refuses(
     assert stop.value.code == 2
     assert words in capsys.readouterr().err
     assert list(tmp_path.iterdir()) == []
+
+
+RECEIVER_FILES = Path(__file__).parents[1] / "receiver" / "files"
+TRUTH, TRUTH_2 = "4075580.8863,931853.5784,4801567.9707", "-3976219.5082,3382372.5671,3652512.9849"
+
+
+def small(name: str = "mixed_3") -> tuple[str, str]:
+    """Two epochs of a permanent station."""
+    ends = ("05o", "05n") if name == "gps_2" else ("obs", "nav")
+    return str(RECEIVER_FILES / f"{name}.{ends[0]}"), str(RECEIVER_FILES / f"{name}.{ends[1]}")
+
+
+@pytest.mark.parametrize("form", [["--truth", TRUTH_2], [f"--truth={TRUTH_2}"]])
+def test_a_truth_may_begin_with_a_minus(form: list[str], tmp_path: Path) -> None:
+    main(["observe", *small("gps_2"), *form, "--systems", "G", "--out", str(tmp_path / "out")])
+    table = pd.read_parquet(tmp_path / "out" / "epochs.parquet")
+    assert table.up_m.abs().max() < 0.5
+
+
+@pytest.mark.parametrize("form", [["--mask-deg", "-1"], ["--mask-deg=-1"]])
+def test_a_mask_below_the_horizon_reaches_its_own_rule(
+    form: list[str], tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    with pytest.raises(SystemExit) as stop:
+        main(["observe", *small(), "--truth", TRUTH, *form, "--out", str(tmp_path / "out")])
+    assert stop.value.code == 2
+    assert "mask_deg: input should be greater than or equal to 0, not -1.0" in capsys.readouterr().err
+
+
+def test_several_navigation_files_and_no_ionosphere(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    observations, navigation = small()
+    text = Path(navigation).read_text()
+    bare = tmp_path / "bare.nav"
+    bare.write_text("".join(line for line in text.splitlines(keepends=True) if "IONOSPHERIC" not in line))
+    ups = []
+    for files, options in (([navigation], []), ([str(bare), navigation], []), ([str(bare)], ["--ionosphere", "none"])):
+        main(["observe", observations, *files, "--truth", TRUTH, *options, "--out", str(tmp_path / "out")])
+        ups.append(pd.read_parquet(tmp_path / "out" / "epochs.parquet").up_m.abs().max())
+        manifest = json.loads((tmp_path / "out" / "manifest.json").read_text())
+        assert ("navigation 2" in manifest["inputs"]) == (len(files) == 2)
+    assert ups[0] == ups[1] < 0.4
+    assert ups[2] > 3.0
+    assert "The ionosphere's delay is left in" in capsys.readouterr().out
+    main(["run", str(tmp_path / "out" / "manifest.json"), "--out", str(tmp_path / "again")])
+    assert pd.read_parquet(tmp_path / "again" / "epochs.parquet").up_m.abs().max() == ups[2]
+    with pytest.raises(SystemExit) as stop:
+        main(["observe", observations, str(bare), "--truth", TRUTH, "--out", str(tmp_path / "no")])
+    assert stop.value.code == 2
+    assert "--ionosphere none" in capsys.readouterr().err
+    assert not (tmp_path / "no").exists()
+
+
+def test_no_solution_is_exit_2_with_the_reason(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    observations, navigation = small()
+    lines = Path(navigation).read_text().splitlines(keepends=True)
+    end = next(k for k, line in enumerate(lines) if "END OF HEADER" in line) + 1
+    records = [lines[k : k + 8] for k in range(end, len(lines), 8)]
+    two = {record[0][:3]: record for record in reversed(records) if record[0][:3] in ("G07", "G13")}
+    (tmp_path / "two.nav").write_text("".join([*lines[:end], *two["G07"], *two["G13"]]))
+    with pytest.raises(SystemExit) as stop:
+        main(["observe", observations, str(tmp_path / "two.nav"), "--truth", TRUTH, "--out", str(tmp_path / "out")])
+    assert stop.value.code == 2
+    said = capsys.readouterr().err
+    assert "no epoch has a solution; at best 2 of the 4 satellites that are needed are in view (epoch 0)" in said
+    assert "left out for want of a usable ephemeris" in said
+    assert "GPS alone is used" in said
+    assert not (tmp_path / "out").exists()
+
+
+def test_a_truth_elsewhere_is_told(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    main(["observe", *small(), "--truth", "4075780.8863,931853.5784,4801767.9707", "--out", str(tmp_path / "out")])
+    assert "the pseudoranges fit a position 282 m from the true position that was given" in capsys.readouterr().out
+
+
+def drawn(count: int, step_s: float, largest_m: float) -> Figure:
+    """The figure of epochs with errors of a metre, a gap, two faulted windows and one level that is large."""
+    epochs = np.repeat(np.arange(count), 2)
+    seconds = epochs * step_s + np.where(epochs >= count // 2, 10 * step_s, 0.0)
+    table = pd.DataFrame({
+        "epoch": epochs, "time": pd.Timestamp("2020-06-25") + pd.to_timedelta(seconds, unit="s"),
+        "method": ["ls", "igg3"] * count, "faulted": np.isin(epochs, (3, 4, 7)), "vpl_m": 5.0,
+        **{column: np.sin(epochs) for column in ("east_m", "north_m", "up_m")},
+    })  # fmt: skip
+    table.loc[2, "vpl_m"] = largest_m
+    return error_figure.__wrapped__(table, alert=LPV_200, title="A title of some length about a station")
+
+
+@pytest.mark.parametrize(
+    ("count", "step_s", "largest_m"), [(4, 1.0, 6.0), (10, 30.0, 6.0), (200, 30.0, 90.0), (200, 900.0, 2e4)]
+)
+def test_the_figure_shows_all_levels_over_time_with_the_legend_apart(
+    count: int, step_s: float, largest_m: float
+) -> None:
+    figure = drawn(count, step_s, largest_m)
+    figure.draw_without_rendering()
+    axes = figure.axes
+    assert "2020-06-25" in axes[3].get_xlabel()
+    assert "GPS time" in axes[3].get_xlabel()
+    labels = [tick.get_text() for tick in axes[3].get_xticklabels() if tick.get_text()]
+    assert labels
+    assert all(":" in label or "-" in label for label in labels)
+    low, high = axes[3].get_ylim()
+    assert low <= 5.0
+    assert high > max(largest_m, 35.0)
+    assert axes[3].get_yscale() == ("log" if largest_m > 140 else "linear")
+    (legend,) = figure.legends
+    box = legend.get_window_extent()
+    others = [axis.get_tightbbox() for axis in axes] + [figure.texts[0].get_window_extent()]
+    assert not any(box.overlaps(other) for other in others)
+    assert {text.get_text() for text in legend.get_texts()} == {
+        "faulted epochs", "least squares (VPL)", "IGG-III (VPL_R)",
+    }  # fmt: skip
+    # Two parts of each line, none across the gap.
+    for line in axes[0].get_lines():
+        assert np.diff(mdates.date2num(line.get_xdata())).max() * 86_400 == pytest.approx(step_s, abs=1e-3)
 
 
 def test_a_missing_file_is_named(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:

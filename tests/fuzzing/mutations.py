@@ -122,6 +122,54 @@ def empty(content: bytes, rng: Generator) -> bytes:
     return forms[int(rng.integers(len(forms)))]
 
 
+def mark(content: bytes, rng: Generator) -> bytes:
+    """What editors and transfers leave: a byte-order mark, blank lines before, within and after."""
+    forms = (
+        lambda: b"\xef\xbb\xbf" + content,
+        lambda: b"\n" * int(rng.integers(1, 4)) + content,
+        lambda: content + b"\n  \n" * int(rng.integers(1, 4)),
+        lambda: _with_lines(content, rng, lambda lines, k: [*lines[:k], b"", *lines[k:]]),
+        lambda: content + b"\0" * int(rng.integers(1, 200)),
+    )
+    return forms[int(rng.integers(len(forms)))]()
+
+
+def repeat_part(content: bytes, rng: Generator) -> bytes:
+    """Some lines once more, as where files are put together: an epoch, a record, a header."""
+    count = int(rng.integers(2, 60))
+    return _with_lines(content, rng, lambda lines, k: [*lines[: k + count], *lines[k:]])
+
+
+def event(content: bytes, rng: Generator) -> bytes:
+    """An event of a receiver: the antenna moves, another site, header lines that repeat or change what was said."""
+    lines = content.split(b"\n")
+    old = b"2.1" in content[:9]
+    starts = [k for k, line in enumerate(lines) if line.startswith((b">", b"&", b" 20 "))] or [len(lines) // 2]
+    said = (
+        (b"OTHER".ljust(60) + b"MARKER NAME",),
+        (b"  3582913.8991   532590.1966  5232750.2961".ljust(60) + b"APPROX POSITION XYZ",),
+        tuple(line for line in lines[:20] if b"TYPES" in line),
+        (b"     1    L9".ljust(60) + b"# / TYPES OF OBSERV",),
+        (b"        1.5000        0.0000        0.0000".ljust(60) + b"ANTENNA: DELTA H/E/N",),
+        (),
+    )[int(rng.integers(6))]
+    flag, count = int(rng.integers(2, 6)), len(said) + (0 if rng.random() < 0.8 else int(rng.integers(-1, 3)))
+    head = (b" " * 28 if old else b">" + b" " * 30) + b"%d%3d" % (flag, max(count, 0))
+    at = starts[int(rng.integers(len(starts)))]
+    return b"\n".join([*lines[:at], head, *said, *lines[at:]])
+
+
+def other_word(content: bytes, rng: Generator) -> bytes:
+    """A number of a message becomes one that forbids the use, or is of another week."""
+    found = list(re.finditer(rb"[ -]\d\.\d{12}[eEdD][-+]\d\d", content))
+    if not found:
+        return mark(content, rng)
+    one = found[int(rng.integers(len(found)))]
+    value = (8192.0, 6144.0, 32767.0, -1.0, -2.0, 1.0, 63.0, 2111.0, 755.0, 604800.0, 388814.0)[int(rng.integers(11))]
+    new = f"{value:19.12e}".replace("e", chr(one[0][-4])).encode()
+    return content[: one.start()] + new + content[one.end() :]
+
+
 MUTATIONS: Mapping[str, Callable[[bytes, Generator], bytes]] = {
     "bytes flipped": flip,
     "digits exchanged": digit,
@@ -136,6 +184,10 @@ MUTATIONS: Mapping[str, Callable[[bytes, Generator], bytes]] = {
     "numbers swapped": swap_fields,
     "other encoding": encode,
     "emptied": empty,
+    "marks and blanks": mark,
+    "part repeated": repeat_part,
+    "event inserted": event,
+    "message of another meaning": other_word,
 }
 
 
@@ -145,9 +197,17 @@ def same_columns(one: bytes, other: bytes) -> bool:
 
 
 def same_values(one: bytes, other: bytes) -> bool:
-    """Whether two RINEX files of observations differ in digits, missing values and fewer last epochs alone."""
-    masked, sound = _values_masked(one.rstrip()), _values_masked(other.rstrip())
-    ends_an_epoch = len(masked) == len(sound) or re.match(rb">| 00 ", ([*sound, b">"])[len(masked)])
+    """Whether two RINEX files of observations differ in digits, missing values and fewer last epochs alone.
+
+    What stands in columns that are not read, beside the pseudorange, is nobody's business.
+    """
+    damaged, whole = one.rstrip().split(b"\n"), other.rstrip().split(b"\n")
+    used = slice(32, 46) if b"2.11" in other[:9] else slice(0, 17)
+    for k, line in enumerate(whole[: len(damaged)]):
+        if re.fullmatch(rb"(?:[A-Z]\d\d)?[ \d.]+", line) and b"." in line and not line.startswith(b" 20  6"):
+            damaged[k], whole[k] = damaged[k][used], line[used]
+    masked, sound = _values_masked(damaged), _values_masked(whole)
+    ends_an_epoch = len(masked) == len(sound) or re.match(rb">| 00 | {28}\d", ([*sound, b">"])[len(masked)])
     return masked == sound[: len(masked)] and bool(ends_an_epoch)
 
 
@@ -171,9 +231,9 @@ def fewer_lines(one: bytes, other: bytes) -> bool:
     return lines <= set(_words(other).split(b"\n"))
 
 
-def _values_masked(content: bytes) -> list[bytes]:
+def _values_masked(lines: list[bytes]) -> list[bytes]:
     masked, inside = [], False
-    for line in content.split(b"\n"):
+    for line in lines:
         inside = inside or b"END OF HEADER" in line
         name = 3 if re.match(rb"[A-Z]\d\d", line) else 0
         fields = [line[k : k + 14] for k in range(name, len(line), 16)]

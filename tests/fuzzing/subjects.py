@@ -14,7 +14,6 @@ from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from functools import cache
 from pathlib import Path
-from typing import Any
 
 import hatanaka
 import numpy as np
@@ -35,7 +34,7 @@ from pl_mc.geometry.almanac import almanac_slots  # noqa: E402
 from pl_mc.geometry.orbits import satellite_positions_m  # noqa: E402
 from pl_mc.geometry.sp3 import sp3_orbits  # noqa: E402
 from pl_mc.input_errors import InputError  # noqa: E402
-from pl_mc.receiver import read_receiver_series, read_truth, rinex, rtklib_worker  # noqa: E402
+from pl_mc.receiver import read_receiver_series, read_truth  # noqa: E402
 from pl_mc.report.run_folder import read_run_folder  # noqa: E402
 
 NEAR_GPS_S = receiver_files.NOON_GPS_S
@@ -91,23 +90,7 @@ def _beside(name: str, content: bytes) -> Path:
     return path
 
 
-def _evaluate_here(
-    observation_path: Path, observations: str, navigation_path: Path, navigation: str, systems: Any
-) -> dict[str, Any]:
-    """What `rinex._evaluate` does, without a process for every file; this process stands in for the child."""
-    import pyrtklib
-
-    paths = [_beside(name, b"") for name in ("observations.rnx", "navigation.rnx")]
-    for path, text in zip(paths, (observations, navigation), strict=True):
-        path.write_text(text, encoding="latin-1", newline="\n")
-    try:
-        return rtklib_worker.evaluate(pyrtklib, *map(str, paths), dict.fromkeys(systems, 7200.0))
-    except Exception as error:
-        raise InputError(f"{observation_path} and {navigation_path}: RTKLIB cannot evaluate them ({error}).") from error
-
-
 def _series(observations: Path, navigation: Path, systems: tuple[str, ...]) -> Read:
-    rinex._evaluate = _evaluate_here
     truth = read_truth(receiver_files.TRUTH_TEXT)
     series = read_receiver_series(observations, navigation, truth, systems=systems)
     g = series.geometry
@@ -148,7 +131,10 @@ def _same_unpacked(one: bytes, other: bytes) -> bool:
     """A difference in a compact file goes on to every later epoch; what counts is the file that it stands for."""
     with warnings.catch_warnings():
         warnings.simplefilter("ignore")
-        return same_values(hatanaka.crx2rnx(one), hatanaka.crx2rnx(other))
+        try:
+            return same_values(hatanaka.crx2rnx(one), hatanaka.crx2rnx(other))
+        except hatanaka.HatanakaException:
+            return same_columns(one, other)
 
 
 def _track(path: Path) -> Read:

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections import Counter
-from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
@@ -19,15 +18,6 @@ from mutations import MUTATIONS
 from outcomes import FINDINGS, STRANGE_ARGUMENTS, Case, Outcome, cases, judge, outcomes
 
 from pl_mc.input_errors import InputError
-from pl_mc.receiver import rinex
-
-
-@pytest.fixture(autouse=True)
-def library_as_it_is() -> Iterator[None]:
-    """What reads in this process is put back."""
-    evaluate = rinex._evaluate
-    yield
-    rinex._evaluate = evaluate
 
 
 def light_calls() -> list[str]:

@@ -96,7 +96,7 @@ def navigation_4(text: str) -> str:
     out = [
         f"{'4.02':>9}           NAVIGATION DATA     M                   RINEX VERSION / TYPE",
         f"{'':60}END OF HEADER",
-        *_ionosphere_4("2020 12 31 23 59 30", [9.0 * value for value in values]),
+        *_ionosphere_4("2020 12 31 23 59 30", [1.5 * value for value in values]),
         "> STO GPUT LNAV".replace("GPUT", "G05"),
         f"    2020 01 01 00 00 00 {'GPUT':18} {'':18} {'UTC(USNO)':18}",
         f"    {1.0:19.12e}{2.0:19.12e}{3.0:19.12e}{4.0:19.12e}",

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import gzip
+import re
 from collections.abc import Callable
 from dataclasses import fields
 from pathlib import Path
@@ -20,8 +21,12 @@ ESBC = "ESBC00DNK_R_20201770000_01D_30S_GC.rnx.gz", "ESBC00DNK_R_20201770000_01D
 GPS = ("G",)
 
 
-def require_same(one: ReceiverData, other: ReceiverData) -> None:
+def require_same(one: ReceiverData, other: ReceiverData, *notes: str) -> None:
+    """The same numbers, and these notes about the first."""
+    assert (one.notes, other.notes) == (notes, ())
     for field in fields(ReceiverData):
+        if field.name == "notes":
+            continue
         np.testing.assert_array_equal(getattr(one, field.name), getattr(other, field.name), err_msg=field.name)
 
 
@@ -82,7 +87,8 @@ def test_a_real_day_gives_the_same_positions_in_every_version(real_texts: tuple[
 def test_a_file_without_c_a_code_is_read_from_its_p_code(texts: tuple[str, str], tmp_path: Path) -> None:
     expected = read_rinex(*write_pair(tmp_path, *texts), systems=GPS)
     text = observations_2(texts[0], types=("P1", "P2", "L1", "L2"))
-    require_same(read_rinex(*write_pair(tmp_path, text, texts[1]), systems=GPS), expected)
+    note = "GPS is read from P1; made.obs has no C1C of it."
+    require_same(read_rinex(*write_pair(tmp_path, text, texts[1]), systems=GPS), expected, note)
 
 
 def test_satellites_without_a_letter_are_of_gps(texts: tuple[str, str], tmp_path: Path) -> None:
@@ -98,18 +104,10 @@ def test_satellites_without_a_letter_are_of_gps(texts: tuple[str, str], tmp_path
 @pytest.mark.parametrize(
     ("change", "rule"),
     [
-        (lambda t: t.replace("    C1", "    C5"), "no C1 or P1 pseudoranges; it has L1, L2, C5"),
-        (lambda t: t.replace("     7    L1", "     8    L1"), "promises 8 observation types and lists 7"),
+        (lambda t: t.replace("    C1", "    C5"), "no pseudorange of GPS L1 C/A; it has L1, L2, C5"),
+        (lambda t: t.replace("     7    L1", "     8    L1"), "declares 8 codes but supplies 7"),
         (lambda t: "\n".join(line for line in t.split("\n") if "TYPES OF" not in line), "lists no # / TYPES"),
-        (lambda t: t.replace("COMMENT", "# / TYPES OF OBSERV"), "changes in the middle of the file"),
-        (lambda t: t[: len(t) * 2 // 3], "cut short|not a number with three decimals"),
-        (lambda t: t[: t.rindex("\n 20")] + "\n 20  6\n", "no flag and number of satellites"),
-        (lambda t: t.replace("     GPS  ", "     GLO  "), "its times are GLO"),
-        (lambda t: t.replace(" 12  0  0.0000000", " 12  0 61.0000000"), "is no date and time"),
-        (lambda t: t.replace(" 20  6 25", " 20 13 25", 1), "is no date and time"),
-        (lambda t: t.replace("R07", t[t.index("R07") - 3 : t.index("R07")], 1), "twice in one epoch"),
-        (lambda t: t.replace("R07", "R7 ", 1), "'R7 ' is no satellite's name"),
-        (lambda t: t.replace("E11", "G99", 1), "'G99' is no satellite that exists"),
+        (lambda t: t.replace("     GPS  ", "     GLO  "), "its times are UTC .*needed; convert it"),
     ],
 )
 def test_damaged_observations_of_rinex_2(
@@ -124,17 +122,80 @@ def test_damaged_observations_of_rinex_2(
 
 
 @pytest.mark.parametrize(
+    ("change", "missing", "told"),
+    [
+        (lambda t: t.replace("COMMENT", "# / TYPES OF OBSERV"), 0, r"the event \(flag 4\) of line 25"),
+        (lambda t: t[: len(t) * 2 // 3], 14, r"line 27 \(2020-06-25 12:00:30; it has fewer lines than its 9"),
+        (lambda t: t[: t.rindex("\n 20")] + "\n 20  6\n", 14, "line 27 .*it has more lines than its 9"),
+        (lambda t: t.replace(" 12  0  0.0000000", " 12  0 61.0000000"), 7, "the epoch of line 6 .2020-06-25 12:00:61"),
+        (lambda t: t.replace(" 20  6 25", " 20 13 25", 1), 7, "the epoch of line 6 .2020-13-25"),
+        (lambda t: t.replace("R07", "G06", 1), 1, "G06 of the epoch of line 6 .*2 times, with other values"),
+        (lambda t: t.replace("R07", "R00", 1), 0, r"line 13 \(R00, 2020-06-25 12:00:00\)"),
+        (lambda t: t.replace("E11", "G99", 1), 0, r"line 23 \(G99, 2020"),
+        (lambda t: twice(t, 7), 7, "line 6 .*it has more lines than its 9 satellites need"),
+        (lambda t: "\n".join(t.split("\n")[:7] + t.split("\n")[8:]), 7, "line 6 .*it has fewer lines"),
+        (lambda t: changed(t, 7, 34, "x"), 1, r"line 7 \(G02, 2020-06-25 12:00:00\)"),
+        (lambda t: changed(t, 7, 8, "x"), 0, ""),
+        (lambda t: changed(t, 8, 8, "x"), 0, ""),
+    ],
+)
+def test_one_bad_line_of_rinex_2_costs_a_satellite_or_an_epoch(
+    change: Callable[[str], str], missing: int, told: str, texts: tuple[str, str], tmp_path: Path
+) -> None:
+    text = observations_2(texts[0])
+    assert change(text) != text
+    sound = read_rinex(*write_pair(tmp_path, text, texts[1]), systems=GPS)
+    found = read_rinex(*write_pair(tmp_path, change(text), texts[1]), systems=GPS)
+    assert np.isfinite(found.pseudorange_m).sum() == np.isfinite(sound.pseudorange_m).sum() - missing
+    assert np.isfinite(found.satellite_clock_m).sum() == np.isfinite(found.pseudorange_m).sum()
+    if told:
+        assert any(re.search(told, note) for note in found.notes), found.notes
+    else:
+        assert found.notes == ()
+
+
+def twice(text: str, number: int) -> str:
+    """A line twice."""
+    lines = text.split("\n")
+    return "\n".join([*lines[:number], *lines[number - 1 :]])
+
+
+def changed(text: str, number: int, column: int, character: str) -> str:
+    """Another character in a line."""
+    lines = text.split("\n")
+    line = lines[number - 1]
+    lines[number - 1] = f"{line[: column - 1]}{character}{line[column:]}"
+    return "\n".join(lines)
+
+
+@pytest.mark.parametrize(
+    ("write", "change", "told"),
+    [
+        (navigation_2, lambda t: t[:-100], "the record of 24 at line 189"),
+        (navigation_2, lambda t: t.replace(" 1 20  6", " 1 20 13", 1), "the record of 1 at line 5"),
+        (navigation_2, lambda t: t.replace(" 1 20  6", "99 20  6", 1), "the record of G99 .*no such satellite"),
+        (navigation_2, lambda t: t.replace(" 1 20  6", " 1 21  6", 1), "86400 s off its time of clock"),
+        (navigation_4, lambda t: t.replace("> EPH G02 LNAV", "> EPH G03 LNAV"), "the record of G03 at line 33"),
+        (navigation_4, lambda t: t.replace("> EPH G02 LNAV", "> EPHG02 LNAV"), "the record of G02 at line 33"),
+    ],
+)
+def test_one_bad_record_of_other_versions_costs_that_record(
+    write: Callable[[str], str], change: Callable[[str], str], told: str, texts: tuple[str, str], tmp_path: Path
+) -> None:
+    text = write(texts[1])
+    assert change(text) != text
+    found = read_rinex(*write_pair(tmp_path, texts[0], change(text)), systems=GPS)
+    assert len(found.notes) == 1
+    assert told.split()[0] in found.notes[0]
+    assert re.search(told, found.notes[0]), found.notes
+
+
+@pytest.mark.parametrize(
     ("write", "change", "rule"),
     [
-        (navigation_2, lambda t: t[:-100], "cut short|not a number of 19"),
-        (navigation_2, lambda t: t.replace(" 1 20  6", " 1 20 13", 1), "no date and time that exists"),
-        (navigation_2, lambda t: t.replace(" 1 20  6", "99 20  6", 1), "no satellite that exists"),
-        (navigation_2, lambda t: t.replace(" 1 20  6", " 1 21  6", 1), "apart; one of them is damaged"),
-        (navigation_2, lambda t: t.replace("ION ALPHA", "COMMENT  "), "lacks the GPS ionosphere.*ION ALPHA"),
-        (navigation_4, lambda t: t.replace("> ION G10 LNAV", "> ION E10 IFNV"), "lacks the GPS .* ION G.. LNAV"),
-        (navigation_4, lambda t: t.replace("> EPH G02 LNAV", "> EPH G03 LNAV"), "begins with another name"),
-        (navigation_4, lambda t: t.replace("> EPH G02 LNAV", "> EPHG02 LNAV"), "no start of a navigation record"),
-        (navigation_4, lambda t: t.replace("LNAV", "CNAV"), "no ephemeris of GPS; its systems: G CNAV"),
+        (navigation_2, lambda t: t.replace("ION ALPHA", "COMMENT  "), "no ionosphere coefficients"),
+        (navigation_4, lambda t: t.replace("> ION G10 LNAV", "> ION E10 IFNV"), "no ionosphere coefficients"),
+        (navigation_4, lambda t: t.replace("LNAV", "CNAV"), "no ephemeris of GPS that can be used"),
     ],
 )
 def test_damaged_navigation(
@@ -150,8 +211,10 @@ def test_damaged_navigation(
 
 def test_beidou_is_not_read_from_rinex_2(texts: tuple[str, str], tmp_path: Path) -> None:
     paths = write_pair(tmp_path, observations_2(texts[0]), texts[1])
-    with pytest.raises(InputError, match=r"RINEX 2.11, of which GPS alone is read, not BeiDou; choose"):
-        read_rinex(*paths)
+    with pytest.raises(InputError, match=r"it has no BeiDou \(C\); .*choose the systems G"):
+        read_rinex(*paths, systems=("G", "C"))
+    assert "GPS alone is used" in read_rinex(*paths).notes[0]
     paths = write_pair(tmp_path, texts[0], navigation_2(texts[1]))
-    with pytest.raises(InputError, match=r"made.nav: this is RINEX 2.11, of which GPS alone is read"):
-        read_rinex(*paths)
+    with pytest.raises(InputError, match=r"made.nav: it has no ephemeris of BeiDou .*choose the systems G"):
+        read_rinex(*paths, systems=("G", "C"))
+    assert "GPS alone is used" in read_rinex(*paths).notes[0]

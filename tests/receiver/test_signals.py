@@ -72,7 +72,7 @@ def test_a_row_is_all_that_a_signal_needs(
 
 
 def test_the_delay_of_the_ionosphere_is_inverse_to_the_square_of_the_carrier() -> None:
-    assert [signal.ionosphere_factor for signal in (*SIGNALS, L2, B3I)] == pytest.approx(
+    assert [signal.ionosphere_factor() for signal in (*SIGNALS, L2, B3I)] == pytest.approx(
         [1.0, (F1 / B1) ** 2, (F1 / F2) ** 2, (F1 / B3) ** 2], rel=1e-14
     )
 

@@ -5,6 +5,8 @@ from __future__ import annotations
 from pathlib import Path
 from typing import Annotated, Any
 
+from cyclopts import Parameter
+
 from pl_mc.cli.printing import Count, Draws, Flag, Json, Output, Progress, Seed, Several, Which, overrides
 from pl_mc.input_errors import InputError, shown
 
@@ -97,14 +99,15 @@ def merge(folders: Annotated[tuple[Path, ...], Several], /, *, out: Path, output
 
 def observe(
     observations: Path,
-    navigation: Path,
+    navigation: Annotated[tuple[Path, ...], Several],
     /,
     *,
-    truth: str,
-    systems: str = "G,C",
+    truth: Annotated[str, Parameter(allow_leading_hyphen=True)],
+    systems: str | None = None,
     fault: Annotated[tuple[str, ...], Several] = (),
-    mask_deg: float = 10.0,
+    mask_deg: Annotated[float, Parameter(allow_leading_hyphen=True)] = 10.0,
     error_model: str = "residual",
+    ionosphere: str = "broadcast",
     method: Annotated[tuple[str, ...], Several] = ("ls", "igg3"),
     out: Path | None = None,
     output: Output = _DEFAULT,
@@ -116,19 +119,21 @@ def observe(
     Parameters
     ----------
     observations
-        RINEX 2.11 (GPS alone), 3 or 4 observation file, plain, gzipped or Hatanaka-compressed.
+        RINEX 2 (GPS alone), 3 or 4 observation file, plain, Hatanaka-compressed, .gz, .zip, .Z or .bz2.
     navigation
-        RINEX 2.11, 3 or 4 navigation file with broadcast ephemerides of that day.
+        RINEX 2, 3 or 4 navigation files with broadcast ephemerides of that day, one or several.
     truth
         The true position: `X,Y,Z` Earth-fixed [m], or a CSV file with a track.
     systems
-        Systems to use, RINEX letters: `G,C`, `G` or `C`.
+        Systems to use, RINEX letters: `G,C`, `G` or `C`; those that the files have unless given.
     fault
         A fault to inject, `G02:+30m:545-645`: satellite, bias, first and last epoch counted from 0; repeatable.
     mask_deg
         Elevation mask [deg].
     error_model
         Standard deviations: residual, none or uire; `user` needs an experiment file.
+    ionosphere
+        `broadcast`: corrected with the coefficients of the navigation files; `none`: its delay is left in.
     method
         A method; repeatable.
     out
@@ -143,11 +148,12 @@ def observe(
         "kind": "observe",
         "title": f"{station}: position errors and protection levels",
         "observations": observations,
-        "navigation": navigation,
+        "navigation": navigation[0] if len(navigation) == 1 else navigation,
         "truth": truth,
-        "systems": tuple(letter.strip() for letter in systems.split(",")),
+        "systems": None if systems is None else tuple(letter.strip() for letter in systems.split(",")),
         "mask_deg": mask_deg,
         "error_model": error_model,
+        "ionosphere": ionosphere,
         "faults": fault,
         "methods": [{"name": name} for name in method],
     }

@@ -29,9 +29,7 @@ from pl_mc.runtime.whole_files import locked, write_whole
 from pl_mc.studies.spec import Experiment
 
 # Packages whose version can change a number or a picture.
-_RECORDED = (
-    "pl_mc", "jax", "jaxlib", "numpy", "scipy", "pandas", "pyarrow", "matplotlib", "pymap3d", "pyrtklib", "sidereon",
-)  # fmt: skip
+_RECORDED = ("pl_mc", "jax", "jaxlib", "numpy", "scipy", "pandas", "pyarrow", "matplotlib", "pymap3d", "sidereon")
 
 RECORD = "experiment.json"
 SUFFIX = ".unfinished"

@@ -21,6 +21,10 @@ TROPOSPHERE_FLOOR_M, TROPOSPHERE_CEILING_M = -100.0, 1e4
 
 SECONDS_PER_DAY = 86_400.0
 
+# BDS-SIS-ICD-2.1, 5.2.4.7: mean radius of the Earth and height of the ionosphere; 3.3: BeiDou time.
+BDS_EARTH_RADIUS_M, BDS_SHELL_HEIGHT_M = 6_378_000.0, 375_000.0
+BDT_BEHIND_GPS_S = 14.0
+
 
 def klobuchar_delay_m(
     *,
@@ -56,6 +60,44 @@ def klobuchar_delay_m(
     phase = 2 * np.pi * (local_s - 50_400.0) / period_s
     wave = np.where(np.abs(phase) < 1.57, amplitude_s * (1 - phase**2 / 2 + phase**4 / 24), 0.0)
     return SPEED_OF_LIGHT_M_S * slant * (5e-9 + wave)
+
+
+def bds_klobuchar_delay_m(
+    *,
+    time_gps_s: ArrayLike,
+    latitude_rad: ArrayLike,
+    longitude_rad: ArrayLike,
+    azimuth_rad: ArrayLike,
+    elevation_rad: ArrayLike,
+    alpha: ArrayLike,
+    beta: ArrayLike,
+) -> NDArray[np.float64]:
+    """Ionospheric delay of BeiDou B1I by the model that BeiDou broadcasts (BDS-SIS-ICD-2.1, 5.2.4.7) [m].
+
+    Klobuchar's cosine over a shell at 375 km, in powers of the geographic latitude of the point in it.
+
+    Args:
+        time_gps_s: GPS time [s since 1980-01-06]; BeiDou time is 14 s behind.
+        latitude_rad, longitude_rad: geodetic position of the user [rad].
+        azimuth_rad, elevation_rad: direction of the satellite [rad].
+        alpha, beta: (4,), coefficients of amplitude and period, in seconds over powers of a semicircle.
+    """
+    latitude, elevation = np.asarray(latitude_rad, float), np.asarray(elevation_rad, float)
+    azimuth = np.asarray(azimuth_rad, float)
+    sine_at_point = BDS_EARTH_RADIUS_M / (BDS_EARTH_RADIUS_M + BDS_SHELL_HEIGHT_M) * np.cos(elevation)
+    earth_angle = np.pi / 2 - elevation - np.arcsin(sine_at_point)
+    sine = np.sin(latitude) * np.cos(earth_angle) + np.cos(latitude) * np.sin(earth_angle) * np.cos(azimuth)
+    point_latitude = np.arcsin(np.clip(sine, -1.0, 1.0))
+    turn = np.clip(np.sin(earth_angle) * np.sin(azimuth) / np.cos(point_latitude), -1.0, 1.0)
+    longitude = np.asarray(longitude_rad, float) + np.arcsin(turn)
+    bdt_s = np.asarray(time_gps_s, float) - BDT_BEHIND_GPS_S
+    local_s = np.mod(bdt_s + longitude / np.pi * SECONDS_PER_DAY / 2, SECONDS_PER_DAY)
+    powers_of = np.abs(point_latitude) / np.pi
+    amplitude_s = np.maximum(_cubic(np.asarray(alpha, float), powers_of), 0.0)
+    period_s = np.clip(_cubic(np.asarray(beta, float), powers_of), 72_000.0, 172_800.0)
+    phase = local_s - 50_400.0
+    wave = np.where(np.abs(phase) < period_s / 4, amplitude_s * np.cos(2 * np.pi * phase / period_s), 0.0)
+    return SPEED_OF_LIGHT_M_S * (5e-9 + wave) / np.sqrt(1 - sine_at_point**2)
 
 
 def troposphere_delay_m(

@@ -1,338 +1,313 @@
-"""Broadcast ephemerides of RINEX navigation files, checked number by number and written anew for the orbit library.
+"""Broadcast ephemerides as checked records, and the coefficients of the ionosphere, of one or several files.
 
-A record is eight lines of four numbers in every version. RINEX 2 files hold GPS alone, name it by its number, and
-have years of two digits; RINEX 4 puts a line before each record that names its message, and holds the ionosphere
-coefficients in records of their own. Of RINEX 4 the messages LNAV (GPS) and D1 and D2 (BeiDou) are read, the same
-that older versions have.
+Every record is held to what its message can say (IS-GPS-200, tables 20-I and 20-III; BDS-SIS-ICD-2.1, tables 5-8 to
+5-10); one that says anything else costs itself and a note. Whether a satellite may be used its records say too.
 """
 
 from __future__ import annotations
 
+import itertools
+import math
 import re
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
-from datetime import datetime
+from datetime import timedelta
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
 
 from pl_mc.geometry.gps_time import GPS_EPOCH
-from pl_mc.geometry.record import SYSTEM_NAMES
 from pl_mc.input_errors import InputError
-from pl_mc.receiver.rinex_text import RinexText, require_gps_alone
+from pl_mc.receiver import library
+from pl_mc.receiver.rinex_text import RinexText, label_of, listed, read_rinex_text
 from pl_mc.receiver.signals import SYSTEMS
 
-_EPOCH_3 = re.compile(r"([A-Z])([ \d]\d) (\d{4}) ([ \d]\d) ([ \d]\d) ([ \d]\d) ([ \d]\d) ([ \d]\d)", re.ASCII)
-_EPOCH_2 = re.compile(r"([ \d]\d) ([ \d]\d) ([ \d]\d) ([ \d]\d) ([ \d]\d) ([ \d]\d) ([ \d]\d)\.0", re.ASCII)
-_HEAD_4 = re.compile(r"> (EPH|STO|EOP|ION) ([A-Z](?:\d\d|  )) +(\S+) *(\S*) *", re.ASCII)
-
-# Fortran's D19.12 with an exponent of two digits, right-aligned, so that a shifted line does not pass for numbers.
-_NUMBER = re.compile(r" *[-+]?\d*\.\d+[EeDd][-+]\d\d", re.ASCII)
-
-_LINES, _WIDTH = 8, 19
-_FIRST_3, _FIRST_2 = 23, 22
-
-# Columns of a line, and lines after their heads of records that are not read (RINEX 4.02, appendix A).
-_WIDEST = 80
-_LINES_4: Mapping[str, int] = {"STO": 2, "EOP": 3}
-_INDENT_3, _INDENT_2 = 4, 3
-
-# Rows and columns of the numbers that every record has: all but issue of ephemeris, codes and time of transmission.
-_NEEDED: Mapping[int, Sequence[int]] = {
-    0: (0, 1, 2),
-    1: (1, 2, 3),
-    **dict.fromkeys((2, 3, 4), (0, 1, 2, 3)),
-    5: (0, 2),
-    6: (0, 1, 2, 3),
-}
-
-# What a number can be, by row and column: the reach of its bits in the message, the wider one of GPS and BeiDou
-# (IS-GPS-200, tables 20-I and 20-III; BDS-SIS-ICD-2.1, tables 5-8 to 5-10), angles up to a turn.
+# What the elements of an orbit can be: the reach of their bits, the wider one of GPS and BeiDou, angles up to a turn.
 _TURN = 6.2832
-_RANGES: Mapping[tuple[int, int], tuple[float, float]] = {
-    (0, 0): (-1e-3, 1e-3),  # clock offset [s]
-    (0, 1): (-4e-9, 4e-9),  # its drift
-    (0, 2): (-4e-15, 4e-15),  # and the drift of that [1/s]
-    (1, 1): (-2048.0, 2048.0),  # Crs [m]
-    (1, 2): (-1.2e-8, 1.2e-8),  # correction of the mean motion [rad/s]
-    (1, 3): (-_TURN, _TURN),  # mean anomaly [rad]
-    (2, 0): (-6.2e-5, 6.2e-5),  # Cuc [rad]
-    (2, 1): (0.0, 0.5),  # eccentricity
-    (2, 2): (-6.2e-5, 6.2e-5),  # Cus [rad]
-    (2, 3): (0.0, 8192.0),  # root of the semi-major axis [sqrt(m)]
-    (3, 0): (0.0, 604_800.0),  # time of ephemeris [s]
-    (3, 1): (-6.2e-5, 6.2e-5),  # Cic [rad]
-    (3, 2): (-_TURN, _TURN),  # longitude of the node [rad]
-    (3, 3): (-6.2e-5, 6.2e-5),  # Cis [rad]
-    (4, 0): (-_TURN / 2, _TURN / 2),  # inclination [rad]
-    (4, 1): (-2048.0, 2048.0),  # Crc [m]
-    (4, 2): (-_TURN, _TURN),  # argument of perigee [rad]
-    (4, 3): (-3e-6, 3e-6),  # rate of the node [rad/s]
-    (5, 0): (-3e-9, 3e-9),  # rate of the inclination [rad/s]
-    (6, 2): (-6e-8, 6e-8),  # group delay [s]
+_ELEMENTS: Mapping[str, tuple[float, float]] = {
+    "crs": (-2048.0, 2048.0),  # [m]
+    "crc": (-2048.0, 2048.0),  # [m]
+    "cuc": (-6.2e-5, 6.2e-5),  # [rad], as the next three
+    "cus": (-6.2e-5, 6.2e-5),
+    "cic": (-6.2e-5, 6.2e-5),
+    "cis": (-6.2e-5, 6.2e-5),
+    "delta_n": (-1.2e-8, 1.2e-8),  # [rad/s]
+    "m0": (-_TURN, _TURN),
+    "e": (0.0, 0.5),
+    # A navigation satellite is between 1.9e7 m (medium orbit) and 4.5e7 m (synchronous) from the Earth's centre.
+    "sqrt_a": (4359.0, 6708.0),  # [sqrt(m)]
+    "toe_sow": (0.0, 604_800.0),
+    "omega0": (-_TURN, _TURN),
+    "i0": (-_TURN / 2, _TURN / 2),
+    "omega": (-_TURN, _TURN),
+    "omega_dot": (-3e-6, 3e-6),  # [rad/s]
+    "idot": (-3e-9, 3e-9),  # [rad/s]
 }
+_CLOCK: Mapping[str, tuple[float, float]] = {"af0": (-1e-3, 1e-3), "af1": (-4e-9, 4e-9), "af2": (-4e-15, 4e-15)}
+_LARGEST_GROUP_DELAY_S = 6e-8
 
-# Health is a whole number: six bits of GPS, one of BeiDou.
-_HEALTH = (6, 1)
+# Eight bits each of alpha and beta of the ionosphere (IS-GPS-200, table 20-X); BeiDou's reach as far.
+_LARGEST_KLOBUCHAR = 128 * np.array([2.0**-30, 2.0**-27, 2.0**-24, 2.0**-24, 2.0**11, 2.0**14, 2.0**16, 2.0**16])
 
-# Row and column of the numbers that are compared with the date: time of ephemeris [s of week] and week.
-_TOE, _WEEK = (3, 0), (5, 2)
+# Fortran's D19.12 with an exponent of two digits, right-aligned, so that a shifted line does not pass for numbers; of
+# the lines of a record the last has nothing that is needed.
+_NUMBER = re.compile(r" *[-+]?\d*\.\d+[EeDd][-+]\d\d", re.ASCII)
+_WIDTH, _ROWS = 19, 7
+
 _WEEK_S, _WEEKS_PER_CYCLE = 604_800.0, 1024
-_BDT_WEEK_OFFSET = 1356
 
-# Time of clock and time of ephemeris of one message are the same to some minutes.
-_LARGEST_STEP_S = 7200.0
+# Header lines with coefficients of the ionosphere: of RINEX 2, and of RINEX 3 by their first four letters.
+_IONOSPHERE_2: Mapping[str, tuple[str, str]] = {"G": ("ION ALPHA", "ION BETA")}
+_IONOSPHERE_3: Mapping[str, tuple[str, str]] = {"G": ("GPSA", "GPSB"), "C": ("BDSA", "BDSB")}
+_ION = re.compile(r"> ION (?:G.. +LNAV|C.. +D1D2)", re.ASCII)
+_ION_WIDTH = 12
 
 
 @dataclass(frozen=True)
-class _Record:
-    """A record of an ephemeris: where it stands, its satellite, its lines in the form of RINEX 3."""
+class Ephemeris:
+    """A record of the broadcast orbit and clock of a satellite.
 
-    where: str
+    Attributes:
+        name: of the satellite.
+        toe_gps_s: reference time [s since 1980-01-06, GPS time].
+        sent_gps_s: time of transmission, or minus infinity where the record says none.
+        healthy: whether the satellite says that it may be used.
+        predicted: whether its accuracy is predicted at all.
+        group_delays_s: TGD and 0 of GPS, TGD1 and TGD2 of BeiDou [s].
+        week_gps_s: begin of the week of ``toe_gps_s`` in which the record counts seconds.
+        record: what the library evaluates.
+    """
+
     name: str
-    lines: tuple[str, ...]
+    toe_gps_s: float
+    sent_gps_s: float
+    healthy: bool
+    predicted: bool
+    group_delays_s: tuple[float, float]
+    week_gps_s: float
+    record: Any
+
+    @property
+    def usable(self) -> bool:
+        """Whether the satellite says that it may be used, and how well."""
+        return self.healthy and self.predicted
 
 
-def checked_navigation(file: RinexText, systems: Sequence[str]) -> str:
-    """RINEX 3 text of the ephemerides of a navigation file that are of the systems, and of the ionosphere of GPS.
+@dataclass(frozen=True)
+class Navigation:
+    """What navigation files say.
+
+    Attributes:
+        ephemerides: of each satellite by reference time; of equal ones the one that was sent last.
+        klobuchar: (8,) coefficients alpha and beta of the ionosphere by system letter, G and C.
+        notes: sentences about what was left out.
+    """
+
+    ephemerides: Mapping[str, tuple[Ephemeris, ...]]
+    klobuchar: Mapping[str, NDArray[np.float64]]
+    notes: tuple[str, ...]
+
+
+def read_navigation(paths: Sequence[str | Path], systems: Sequence[str]) -> Navigation:
+    """Read navigation files of any version, and put together what they say of the systems.
+
+    Coefficients of the ionosphere are those of the first file that has any but zeros.
 
     Raises:
-        InputError: a record with other than eight lines, a field that is not a number, a date that is none or far
-            from the reference time in the record (with the line), or no record of a system.
+        InputError: a file that is no navigation file.
     """
-    if file.generation == 2:
-        require_gps_alone(file, systems)
-    records, found = {2: _records_2, 3: _records_3, 4: _records_4}[file.generation](file, systems)
-    for letter in systems:
-        if letter not in found:
-            names = ", ".join(SYSTEM_NAMES.get(key, key) for key in found) or "none"
-            raise InputError(f"{file.path}: it has no ephemeris of {SYSTEM_NAMES[letter]}; its systems: {names}.")
-    return "\n".join(
-        (
-            f"{'3.05':>9}{'':11}{'NAVIGATION DATA':20}{'M':20}RINEX VERSION / TYPE",
-            *_ionosphere(file),
-            f"{'':60}END OF HEADER",
-            *(line for record in records for line in record.lines),
-            "",
-        )
+    records: list[Ephemeris] = []
+    klobuchar: dict[str, NDArray[np.float64]] = {}
+    notes: list[str] = []
+    for path in paths:
+        file = read_rinex_text(path, "navigation")
+        found, left_out = _ephemerides(file, systems)
+        records += found
+        for letter, one in _klobuchar(file, left_out).items():
+            if letter not in klobuchar or (one.any() and not klobuchar[letter].any()):
+                klobuchar[letter] = one
+        if left_out:
+            notes.append(f"Left out of {file.path.name}: {listed(left_out)}.")
+    return Navigation(_merged(records), klobuchar, tuple(notes))
+
+
+def _ephemerides(file: RinexText, systems: Sequence[str]) -> tuple[list[Ephemeris], list[str]]:
+    """The sound records of a file, and what is to be said of the others."""
+    if file.generation == 2 and file.header[0][20] != "N":
+        return [], ["all of it, which is of other systems"]
+    left_out = file.without_label()
+    body = _without_misshapen(file, systems, left_out)
+    try:
+        read = library.navigation("\n".join((*file.header, *body, "")))
+    except library.Unreadable as error:
+        raise InputError(f"{file.path}: it cannot be read ({error}).") from None
+    first_line = file.before - len(file.header)
+    left_out += [
+        f"the record of {one.satellite or 'no satellite'} at line {first_line + one.line} ({one.message})"
+        for one in (*read.skipped, *read.departures)
+        if one.satellite[:1] in systems or one.satellite[:1] not in "CEGIJRS"
+    ]
+    sound = []
+    for record in read.records:
+        letter = record.satellite[0]
+        if letter not in systems or record.message.label not in SYSTEMS[letter].messages:
+            continue
+        fault = _fault(record)
+        if fault:
+            left_out.append(f"the record of {record.satellite} of {_where(file, record)} ({fault})")
+        else:
+            sound.append(_ephemeris(record))
+    return sound, left_out
+
+
+def _without_misshapen(file: RinexText, systems: Sequence[str], left_out: list[str]) -> list[str]:
+    """The body with blank lines for records of the systems in which a number has not the form of one.
+
+    The library reads what is left of a number that has lost digits.
+    """
+    body = list(file.body)
+    begin, first = (3, 22) if file.generation == 2 else (4, 23)
+    head = re.compile(r"[ \d]\d " if file.generation == 2 else r"[A-Z>]", re.ASCII)
+    starts = [k for k, line in enumerate(body) if head.match(line)] + [len(body)]
+    for start, stop in itertools.pairwise(starts):
+        name = body[start][:3].replace(" ", "0") if file.generation > 2 else f"G{body[start][:2].strip():0>2}"
+        if name[0] not in systems:
+            continue
+        for k in range(start, min(start + _ROWS + 1, stop)):
+            text = body[k][first if k == start else begin :]
+            bad = _misshapen(_fields(text, 4 if k < start + _ROWS else 0)) or text[4 * _WIDTH :].strip()
+            bad = bad or (body[k][:begin].strip() if k > start else "")
+            if bad:
+                left_out.append(f"the record of {name} at line {file.number(start)} ({bad!r} at line "
+                                f"{file.number(k)} is not a number of {_WIDTH} columns)")  # fmt: skip
+                # RINEX 4 has a line that announces the record.
+                before = start - 1 if start and body[start - 1].startswith(">") else start
+                body[before:stop] = [""] * (stop - before)
+                break
+    return body
+
+
+def _where(file: RinexText, record: Any) -> str:
+    """Date of a record as it stands in its file, and its line where the form of the version tells."""
+    date = GPS_EPOCH + timedelta(seconds=_clock_s(record) - SYSTEMS[record.satellite[0]].behind_gps_s)
+    begin = f"{record.satellite}{date:%Y%m%d%H%M%S}"
+    lines = (k for k, line in enumerate(file.body) if line[:23].replace(" ", "") == begin)
+    line = next(lines, None)
+    return f"{date:%Y-%m-%d %H:%M:%S}" + ("" if line is None else f" at line {file.number(line)}")
+
+
+def _fault(record: Any) -> str:
+    """Why a record cannot be what its satellite sent, in words; empty where nothing speaks against it."""
+    system, name = SYSTEMS[record.satellite[0]], record.satellite
+    if not 1 <= int(name[1:]) <= system.highest_number:
+        return "there is no such satellite"
+    for part, ranges in ((record.elements, _ELEMENTS), (record.clock, _CLOCK)):
+        for field, (low, high) in ranges.items():
+            value = getattr(part, field)
+            if not low <= value <= high:
+                return f"its {field} is {value:g}, and no message can say other than {low:g} to {high:g}"
+    delays_s = _group_delays_s(record)
+    if None in delays_s or not max(map(abs, delays_s)) <= _LARGEST_GROUP_DELAY_S:  # type: ignore[arg-type]
+        return f"its group delays are {delays_s[0]} and {delays_s[1]} s"
+    if name[0] == "G" and record.iodc is None:
+        return "a number is missing beside its group delay"
+    if not (math.isfinite(record.sv_health) and record.sv_health >= 0 and record.sv_health == int(record.sv_health)):
+        return f"its health is {record.sv_health:g}"
+    apart_s = record.toe_tow_s - record.toc_tow_s
+    apart_s -= _WEEK_S * round(apart_s / _WEEK_S)
+    if abs(apart_s) > system.time_step_s:
+        return f"its time of ephemeris is {abs(apart_s):g} s off its time of clock, and both are of one message"
+    # Some writers give the last ten bits of a week, or weeks of GPS where those of BeiDou belong.
+    week = record.toc_week + round((record.toc_tow_s + apart_s - record.toe_tow_s) / _WEEK_S)
+    if all((record.week - one) % _WEEKS_PER_CYCLE for one in (week, week + system.first_gps_week)):
+        return f"its week is {record.week}, not {week}"
+    return ""
+
+
+def _ephemeris(record: Any) -> Ephemeris:
+    system = SYSTEMS[record.satellite[0]]
+    apart_s = record.toe_tow_s - record.toc_tow_s
+    toe_s = _clock_s(record) + apart_s - _WEEK_S * round(apart_s / _WEEK_S)
+    sent_s = record.transmission_time_sow
+    if sent_s is None or not abs(sent_s) <= _WEEK_S:
+        sent_s = -math.inf
+    else:
+        sent_s = toe_s + (sent_s - record.toe_tow_s + _WEEK_S / 2) % _WEEK_S - _WEEK_S / 2
+    accuracy_m = record.sv_accuracy_m
+    first, second = _group_delays_s(record)
+    assert first is not None
+    assert second is not None
+    return Ephemeris(
+        name=record.satellite,
+        toe_gps_s=toe_s,
+        sent_gps_s=sent_s,
+        healthy=record.sv_health == 0,
+        predicted=accuracy_m is None or 0 <= accuracy_m <= system.largest_accuracy_m,
+        group_delays_s=(first, second),
+        week_gps_s=toe_s - record.toe_tow_s,
+        record=record,
     )
 
 
-def _records_3(file: RinexText, systems: Sequence[str]) -> tuple[list[_Record], list[str]]:
-    body = _without_blank_end(file.body)
-    starts = [k for k, line in enumerate(body) if line[:1].strip()]
-    if any(line.strip() for line in body[: starts[0] if starts else len(body)]):
-        raise InputError(f"{file.where(0)}: a line that belongs to no record.")
-    records: list[_Record] = []
-    found: dict[str, None] = {}
-    for start, stop in zip(starts, [*starts, len(body)][1:], strict=True):
-        where = file.where(start)
-        match = _EPOCH_3.match(body[start])
-        if match is None:
-            raise InputError(f"{where}: this is no start of a navigation record.")
-        found[match[1]] = None
-        if match[1] in systems:
-            records.append(_record(file, start, stop, match[1], last=stop == len(body)))
-    return records, list(found)
+def _clock_s(record: Any) -> float:
+    """Time of clock, which is the date of a record [s since 1980-01-06, GPS time]."""
+    system = SYSTEMS[record.satellite[0]]
+    return float((record.toc_week + system.first_gps_week) * _WEEK_S + record.toc_tow_s + system.behind_gps_s)
 
 
-def _records_4(file: RinexText, systems: Sequence[str]) -> tuple[list[_Record], list[str]]:
-    records: list[_Record] = []
-    found: dict[str, None] = {}
-    for start, stop, head in _parts_4(file):
-        if head[1] != "EPH":
-            continue
-        letter, message = head[2][0], head[3]
-        read = letter not in SYSTEMS or message in SYSTEMS[letter].messages
-        found[letter if read else f"{letter} {message}"] = None
-        if letter not in systems or not read:
-            continue
-        if file.body[start + 1 : start + 2] and file.body[start + 1][:3] != head[2]:
-            raise InputError(f"{file.where(start + 1)}: the record of {head[2]} begins with another name.")
-        records.append(_record(file, start + 1, stop, letter, last=stop == len(_without_blank_end(file.body))))
-    return records, list(found)
+def _group_delays_s(record: Any) -> tuple[float | None, float | None]:
+    delays = record.group_delays
+    if record.satellite[0] == "G":
+        return delays.gps_tgd_s, 0.0
+    return delays.beidou_tgd1_s, delays.beidou_tgd2_s
 
 
-def _parts_4(file: RinexText) -> Iterator[tuple[int, int, re.Match[str]]]:
-    """Begin, end and matched head line of each record of a RINEX 4 file."""
-    body = _without_blank_end(file.body)
-    starts = [k for k, line in enumerate(body) if line.startswith(">")]
-    if any(line.strip() for line in body[: starts[0] if starts else len(body)]):
-        raise InputError(f"{file.where(0)}: a line that belongs to no record.")
-    for start, stop in zip(starts, [*starts, len(body)][1:], strict=True):
-        head = _HEAD_4.fullmatch(body[start])
-        if head is None:
-            raise InputError(f"{file.where(start)}: this is no start of a navigation record.")
-        # What is not read is looked at all the same: it may have swallowed the head of what would be.
-        wide = next((k for k in range(start, stop) if len(body[k].rstrip()) > _WIDEST), None)
-        if wide is not None:
-            raise InputError(f"{file.where(wide)}: a line has at most {_WIDEST} columns, not {len(body[wide])}.")
-        lines = _LINES_4.get(head[1], stop - start - 1)
-        if stop - start - 1 != lines:
-            raise InputError(
-                f"{file.where(start)}: a record {head[1]} has {lines} lines, not {stop - start - 1}; the file is "
-                "damaged."
-            )
-        yield start, stop, head
+def _merged(records: Iterable[Ephemeris]) -> dict[str, tuple[Ephemeris, ...]]:
+    """Records of each satellite by toe; of equal toe the one sent last, and of these one that forbids the use."""
+    by_satellite: dict[str, dict[float, Ephemeris]] = {}
+    for one in records:
+        same = by_satellite.setdefault(one.name, {})
+        other = same.get(one.toe_gps_s)
+        if other is None or (one.sent_gps_s, not one.usable) >= (other.sent_gps_s, not other.usable):
+            same[one.toe_gps_s] = one
+    return {name: tuple(same[toe] for toe in sorted(same)) for name, same in sorted(by_satellite.items())}
 
 
-def _records_2(file: RinexText, systems: Sequence[str]) -> tuple[list[_Record], list[str]]:
-    body = _without_blank_end(file.body)
-    records: list[_Record] = []
-    for start in range(0, len(body), _LINES):
-        stop, where = min(start + _LINES, len(body)), file.where(start)
-        match = _EPOCH_2.match(body[start])
-        if match is None:
-            raise InputError(f"{where}: this is no start of a navigation record.")
-        number, year, month, day, hour, minute, second = (int(part) for part in match.groups())
-        century = 1900 if year >= 80 else 2000
-        date = f"{century + year:4d} {month:02d} {day:02d} {hour:02d} {minute:02d} {second:02d}"
-        first = f"G{number:02d} {date}{body[start][_FIRST_2:]}"
-        rest = [" " * _INDENT_3 + line[_INDENT_2:] for line in body[start + 1 : stop]]
-        _require_indented(file, start, stop, _INDENT_2)
-        records.append(_checked(file, start, (first, *rest), "G", last=stop == len(body)))
-    return records, ["G"] if records else []
-
-
-def _record(file: RinexText, start: int, stop: int, letter: str, *, last: bool) -> _Record:
-    lines = file.body[start:stop]
-    if lines:
-        _require_indented(file, start, stop, _INDENT_3)
-    return _checked(file, start, lines, letter, last=last)
-
-
-def _checked(file: RinexText, start: int, lines: Sequence[str], letter: str, *, last: bool) -> _Record:
-    """A record of eight lines of numbers, of a satellite and at a date that exist."""
-    where = file.where(start)
-    match = _EPOCH_3.match(lines[0]) if lines else None
-    if match is None or match[1] != letter:
-        raise InputError(f"{where}: this is no start of a navigation record.")
-    name = f"{letter}{int(match[2]):02d}"
-    if not 1 <= int(match[2]) <= SYSTEMS[letter].highest_number:
-        raise InputError(f"{where}: {match[1] + match[2]!r} is no satellite that exists.")
-    if len(lines) != _LINES:
-        ending = "; the file is cut short." if last and len(lines) < _LINES else "."
-        raise InputError(f"{where}: the record of {name} has {len(lines)} lines, and {_LINES} are needed{ending}")
-    numbers = [
-        _numbers(line[_FIRST_3 if k == 0 else _INDENT_3 :], file.where(start + k)) for k, line in enumerate(lines)
-    ]
-    for row, columns in _NEEDED.items():
-        for column in columns:
-            if len(numbers[row]) <= column or numbers[row][column] is None:
-                raise InputError(f"{file.where(start + row)}: number {column + 1} of the line is missing.")
-    for (row, column), (low, high) in _RANGES.items():
-        number = numbers[row][column]
-        assert number is not None
-        if not low <= number <= high:
-            raise InputError(
-                f"{file.where(start + row)}: number {column + 1} of the line is {number:g}, and no message of "
-                f"{SYSTEM_NAMES[letter]} can say more than {low:g} to {high:g} there."
-            )
-    health = numbers[_HEALTH[0]][_HEALTH[1]]
-    if health not in range(SYSTEMS[letter].largest_health + 1):
-        raise InputError(
-            f"{file.where(start + _HEALTH[0])}: the health of {name} is {health:g}, and a whole number from 0 to "
-            f"{SYSTEMS[letter].largest_health} is needed."
-        )
-    try:
-        date = datetime(*(int(part) for part in match.groups()[2:]))  # type: ignore[arg-type]
-    except ValueError:
-        raise InputError(f"{where}: the record of {name} has no date and time that exists.") from None
-    _require_same_time(date, numbers, letter, where, name)
-    return _Record(where, name, (f"{name}{lines[0][3:]}", *lines[1:]))
-
-
-def _require_same_time(
-    date: datetime, numbers: Sequence[Sequence[float | None]], letter: str, where: str, name: str
-) -> None:
-    """Raise `InputError` where the date of a record and its time of ephemeris and week are not of one message."""
-    clock_s = (date - GPS_EPOCH).total_seconds()
-    toe_s = numbers[_TOE[0]][_TOE[1]]
-    assert toe_s is not None
-    week = round((clock_s - toe_s) / _WEEK_S)
-    apart_s = abs(clock_s - week * _WEEK_S - toe_s)
-    if apart_s > _LARGEST_STEP_S:
-        raise InputError(
-            f"{where}: the record of {name} is of {date}, but its time of ephemeris is {toe_s:g} s of the week, "
-            f"{apart_s / 3600:.1f} h apart; one of them is damaged."
-        )
-    row = numbers[_WEEK[0]]
-    given = row[_WEEK[1]] if len(row) > _WEEK[1] else None
-    # Weeks of BeiDou are counted from 2006; some writers of either give weeks of GPS, all or the last ten bits.
-    weeks = (week, week - _BDT_WEEK_OFFSET) if letter == "C" else (week,)
-    if given and all((given - one) % _WEEKS_PER_CYCLE for one in weeks):
-        raise InputError(
-            f"{where}: the record of {name} is of {date}, but its week is {given:g}, not {weeks[-1]}; one of them "
-            "is damaged."
-        )
-
-
-def _ionosphere(file: RinexText) -> list[str]:
-    """The header lines GPSA and GPSB with the coefficients of the ionosphere, where the file has them."""
-    if file.generation == 2:
-        given = [file.labelled(label)[:1] for label in ("ION ALPHA", "ION BETA")]
-        fields = [line[0][2:50] if line else "" for line in given]
-    elif file.generation == 3:
-        lines = file.labelled("IONOSPHERIC CORR")
-        fields = [next((line[5:53] for line in lines if line[:4] == label), "") for label in ("GPSA", "GPSB")]
-    else:
-        return _ionosphere_4(file)
-    if not all(fields):
-        return []
-    for text in fields:
-        for k in range(0, 48, 12):
-            if not re.fullmatch(r" *[-+]?\d*\.\d+[EeDd][-+]\d\d", text[k : k + 12], re.ASCII):
-                raise InputError(f"{file.path}: the ionosphere coefficient {text[k : k + 12]!r} is not a number.")
-    return [f"{f'{label} {text}':60}IONOSPHERIC CORR" for label, text in zip(("GPSA", "GPSB"), fields, strict=True)]
-
-
-def _ionosphere_4(file: RinexText) -> list[str]:
-    """Of the records ION of GPS the one sent first; RINEX 4 has no coefficients in its header."""
-    best: tuple[str, list[float | None]] | None = None
-    for start, stop, head in _parts_4(file):
-        if head[1] != "ION" or head[2][0] != "G" or head[3] != "LNAV":
-            continue
-        lines = file.body[start + 1 : stop]
-        if len(lines) != 3:
-            raise InputError(f"{file.where(start)}: the record of the ionosphere has {len(lines)} lines, not 3.")
-        time = lines[0][:_FIRST_3]
-        numbers = [
-            number
-            for k, line in enumerate(lines)
-            for number in _numbers(line[_FIRST_3 if k == 0 else _INDENT_3 :], file.where(start + 1 + k))
-        ]
-        if len(numbers) < 8 or any(number is None for number in numbers[:8]):
-            raise InputError(f"{file.where(start)}: the record of the ionosphere lacks some of its 8 numbers.")
-        if best is None or time < best[0]:
-            best = time, numbers[:8]
-    if best is None:
-        return []
-    values = best[1]
-    return [
-        f"{label} {''.join(f'{value:12.4E}' for value in part)}".ljust(60) + "IONOSPHERIC CORR"
-        for label, part in (("GPSA", values[:4]), ("GPSB", values[4:]))
-    ]
-
-
-def _numbers(fields: str, where: str) -> list[float | None]:
-    """Numbers of 19 columns each, None where blank."""
-    numbers: list[float | None] = []
-    for start in range(0, len(fields.rstrip()), _WIDTH):
-        field = fields[start : start + _WIDTH]
-        if not field.strip():
-            numbers.append(None)
-        elif len(field) == _WIDTH and _NUMBER.fullmatch(field):
-            numbers.append(float(field.replace("D", "E").replace("d", "e")))
+def _klobuchar(file: RinexText, left_out: list[str]) -> dict[str, NDArray[np.float64]]:
+    """Coefficients of the ionosphere of a file, by system letter; those that cannot be are left out."""
+    found: dict[str, NDArray[np.float64]] = {}
+    for letter, fields in _ionosphere_fields(file):
+        bad = _misshapen(fields, len(fields[0])) if len(fields) == 8 and all(map(str.strip, fields)) else "not eight"
+        values = np.zeros(8) if bad else np.array([float(one.upper().replace("D", "E")) for one in fields])
+        if bad or not (np.abs(values) <= _LARGEST_KLOBUCHAR).all():
+            left_out.append(f"coefficients of the ionosphere of {letter} ({bad or 'no message can say so'})")
         else:
-            raise InputError(f"{where}: {field.strip()!r} is not a number of {_WIDTH} columns.")
-    return numbers
+            found.setdefault(letter, values)
+    return found
 
 
-def _require_indented(file: RinexText, start: int, stop: int, columns: int) -> None:
-    for k in range(start + 1, stop):
-        if file.body[k][:columns].strip():
-            raise InputError(f"{file.where(k)}: the line does not belong to the record before it.")
+def _ionosphere_fields(file: RinexText) -> Iterator[tuple[str, list[str]]]:
+    """The eight numbers of each system in the header, or in records of RINEX 4 in the order of their dates."""
+    if file.generation == 4:
+        starts = [k for k, line in enumerate(file.body) if _ION.match(line) and len(file.body) > k + 3]
+        for k in sorted(starts, key=lambda k: file.body[k + 1][4:23]):
+            first, second, third = file.body[k + 1 : k + 4]
+            yield file.body[k][6], [*_fields(first[23:], 3), *_fields(second[4:], 4), *_fields(third[4:], 1)]
+        return
+    labels, begin = (_IONOSPHERE_2, 2) if file.generation == 2 else (_IONOSPHERE_3, 5)
+    for letter, pair in labels.items():
+        lines = [next((line for line in file.header if label in (line[:4], label_of(line))), "") for label in pair]
+        if any(lines):
+            yield letter, [field for line in lines for field in _fields(line[begin:60], 4, _ION_WIDTH)]
 
 
-def _without_blank_end(body: Sequence[str]) -> Sequence[str]:
-    end = len(body)
-    while end and not body[end - 1].strip():
-        end -= 1
-    return body[:end]
+def _fields(text: str, count: int, width: int = _WIDTH) -> list[str]:
+    """The columns of each number of a line, as far as it goes."""
+    return [text[at : at + width] for at in range(0, min(len(text.rstrip()), count * width), width)]
+
+
+def _misshapen(fields: Sequence[str], width: int = _WIDTH) -> str:
+    """The first field that is neither blank nor a number that ends with its columns; empty where there is none."""
+    return next((f.strip() for f in fields if f.strip() and not (len(f) == width and _NUMBER.fullmatch(f))), "")

@@ -9,30 +9,27 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
+from pl_mc.constants import FREQUENCY_B1I_HZ, FREQUENCY_L1_HZ
 from pl_mc.error_models import DEFAULT_ERROR_MODEL, ErrorModel, Sky, as_error_model
 from pl_mc.geometry.frames import enu_rotation, geodetic
-from pl_mc.geometry.record import EAST, NORTH, SYSTEM_NAMES, UP, Geometry
+from pl_mc.geometry.record import EAST, NORTH, UP, Geometry
 from pl_mc.input_errors import InputError
-from pl_mc.receiver.corrections import klobuchar_delay_m, line_of_sight, troposphere_delay_m
-from pl_mc.receiver.rinex import SYSTEMS, ReceiverData, gps_date, read_rinex
+from pl_mc.receiver.corrections import bds_klobuchar_delay_m, klobuchar_delay_m, line_of_sight, troposphere_delay_m
+from pl_mc.receiver.notes import PLAUSIBLE_PSEUDORANGE_M, epoch_notes, event_notes, satellite_notes, truth_notes
+from pl_mc.receiver.rinex import ReceiverData, gps_date, read_rinex
 from pl_mc.receiver.signals import signal_of
 from pl_mc.receiver.truth import Truth
 
 DEFAULT_MASK_DEG = 10.0
 
-# From a medium orbit overhead to a geostationary one at the horizon, with milliseconds of receiver clock.
-PLAUSIBLE_PSEUDORANGE_M = (1.5e7, 5.0e7)
-
 # A truth further from the header's approximate position than this belongs to another receiver.
 LARGEST_HEADER_DISTANCE_M = 1e5
 
-# Errors of this size are no receiver noise: a jump, a fault, or a damaged digit. They are data all the same.
-GROSS_ERROR_M = 1e3
+# Models of the ionosphere by the system that sends their coefficients, with the carrier [Hz] of their delays.
+_IONOSPHERE = {"G": (klobuchar_delay_m, FREQUENCY_L1_HZ), "C": (bds_klobuchar_delay_m, FREQUENCY_B1I_HZ)}
 
 # Near the horizon the atmosphere delays by some hundred metres; more is an orbit or a pseudorange that is damaged.
 _MISFIT_M = 1e4
-
-_NAMED_AT_MOST = 8
 
 
 @dataclass(frozen=True)
@@ -55,28 +52,30 @@ class ReceiverSeries:
 
 def read_receiver_series(
     obs_path: str | Path,
-    nav_path: str | Path,
+    nav_path: str | Path | Sequence[str | Path],
     truth: Truth,
     *,
-    systems: Sequence[str] = SYSTEMS,
+    systems: Sequence[str] | None = None,
     mask_deg: float = DEFAULT_MASK_DEG,
     error_model: str | ErrorModel = DEFAULT_ERROR_MODEL,
+    ionosphere: str = "broadcast",
 ) -> ReceiverSeries:
     """Read RINEX files and take from each pseudorange everything that is known at the true position.
 
     Errors are pseudorange less (range with Earth rotation, less satellite clock, plus Saastamoinen troposphere,
-    plus Klobuchar ionosphere). The receiver clock stays in them, but for the median of each epoch and system,
+    plus broadcast ionosphere). The receiver clock stays in them, but for the median of each epoch and system,
     which is taken away so that the numbers are small; this changes the clock unknowns and nothing else.
 
-    A satellite is in view where it has a plausible pseudorange, a healthy ephemeris within the window, and an
-    elevation of at least the mask.
+    A satellite is in view where it has a plausible pseudorange, a healthy ephemeris with a predicted accuracy within
+    the window, and an elevation of at least the mask.
 
     Args:
-        obs_path, nav_path: RINEX files, see `pl_mc.receiver.rinex.read_rinex`.
+        obs_path, nav_path: RINEX files, of navigation one or several, see `pl_mc.receiver.rinex.read_rinex`.
         truth: the true position or track, see `pl_mc.receiver.truth.read_truth`.
-        systems: RINEX letters, G and C; clock columns come in this order.
+        systems: RINEX letters, G and C; clock columns come in this order. Unless given, those that are there.
         mask_deg: lowest elevation [deg].
         error_model: a name or a model, for the standard deviations.
+        ionosphere: ``broadcast`` or ``none``, see `pl_mc.receiver.rinex.read_rinex`.
 
     The position of a track is taken at the time that the receiver's clock shows, which is up to a millisecond off:
     centimetres for a car.
@@ -88,7 +87,8 @@ def read_receiver_series(
     if not 0 <= mask_deg < 90:
         raise InputError(f"mask_deg: {mask_deg:g} is outside 0 to 90 degrees.")
     model = as_error_model(error_model)
-    data = read_rinex(obs_path, nav_path, systems=systems)
+    data = read_rinex(obs_path, nav_path, systems=systems, ionosphere=ionosphere)
+    clocks = tuple(dict.fromkeys(data.systems)) if systems is None else tuple(systems)
     truth_m, known = truth.at(data.time_gps_s)
     _require_usable_truth(obs_path, truth, truth_m, known, data)
     epochs = np.flatnonzero(known)
@@ -104,9 +104,11 @@ def read_receiver_series(
     # A comparison with NaN (no ephemeris) is False; the error models have no figures for the horizon itself.
     in_view = plausible & (elevation >= np.radians(mask_deg)) & (elevation > 0)
     if not in_view.any():
+        nothing = np.zeros(in_view.shape)
+        told = (*data.notes, *satellite_notes(data, known, plausible, nothing > 0, nothing))
         raise InputError(
             f"{obs_path}: no epoch can be used; no satellite with pseudorange and ephemeris is {mask_deg:g} "
-            f"degrees or more above the horizon of the true position ({truth.source})."
+            f"degrees or more above the horizon of the true position ({truth.source}). {' '.join(told)}".rstrip()
         )
 
     row, column = np.nonzero(in_view)
@@ -126,29 +128,41 @@ def read_receiver_series(
     misfit = _misfit_below(raw_m, plausible, in_view, data.systems)
     error_m = _without_medians(error_m, in_view, data.systems)
 
-    clock = np.array([[float(letter == system) for system in systems] for letter in data.systems])
-    design = np.concatenate([-unit, np.broadcast_to(clock, (*in_view.shape, len(systems)))], axis=-1)
+    clock = np.array([[float(letter == system) for system in clocks] for letter in data.systems])
+    design = np.concatenate([-unit, np.broadcast_to(clock, (*in_view.shape, len(clocks)))], axis=-1)
     g = Geometry.from_rows(
         design=design,
         sigma_m=sigma_m,
         in_view=in_view,
         names=data.names,
         systems=data.systems,
-        clocks=tuple(systems),
+        clocks=clocks,
         epoch=epochs,
         time_gps_s=data.time_gps_s[known],
     )
     kept = np.array([data.names.index(name) for name in g.names])
     packed = np.where(g.in_view, np.take_along_axis(error_m[:, kept], g.satellite, axis=1), 0.0)
-    notes = (*_epoch_notes(data, known, in_view, systems), *_satellite_notes(data, known, plausible, misfit, error_m))
-    return ReceiverSeries(geometry=g, errors_m=packed, truth_m=truth_m, notes=tuple(notes))
+    notes = (
+        *event_notes(data.events, truth),
+        *truth_notes(g, packed, truth),
+        *data.notes,
+        *epoch_notes(data, known, in_view, clocks),
+        *satellite_notes(data, known, plausible, misfit, error_m),
+    )
+    return ReceiverSeries(geometry=g, errors_m=packed, truth_m=truth_m, notes=notes)
 
 
 def _atmosphere_m(
     data: ReceiverData, time_gps_s: NDArray, column: NDArray, sky: Sky, height_m: NDArray
 ) -> NDArray[np.float64]:
     """Ionospheric and tropospheric delay of each satellite in view [m]."""
-    ionosphere_m = klobuchar_delay_m(
+    troposphere_m = troposphere_delay_m(
+        latitude_rad=sky.latitude_rad, height_m=height_m, elevation_rad=sky.elevation_rad
+    )
+    if not data.ionosphere:
+        return troposphere_m
+    model, carrier_hz = _IONOSPHERE[data.ionosphere]
+    ionosphere_m = model(
         time_gps_s=time_gps_s,
         latitude_rad=sky.latitude_rad,
         longitude_rad=sky.longitude_rad,
@@ -157,10 +171,7 @@ def _atmosphere_m(
         alpha=data.klobuchar_alpha,
         beta=data.klobuchar_beta,
     )
-    factor = np.array([signal_of(letter).ionosphere_factor for letter in data.systems])[column]
-    troposphere_m = troposphere_delay_m(
-        latitude_rad=sky.latitude_rad, height_m=height_m, elevation_rad=sky.elevation_rad
-    )
+    factor = np.array([signal_of(letter).ionosphere_factor(carrier_hz) for letter in data.systems])[column]
     return factor * ionosphere_m + troposphere_m
 
 
@@ -208,63 +219,3 @@ def _require_usable_truth(
             f"truth: {truth.source} is {distance_m / 1e3:.0f} km from the approximate position in the header of "
             f"{obs_path}; it belongs to another receiver."
         )
-
-
-def _epoch_notes(
-    data: ReceiverData, known: NDArray[np.bool_], in_view: NDArray[np.bool_], systems: Sequence[str]
-) -> list[str]:
-    notes = []
-    total = known.size
-    if data.epochs_in_file > total:
-        notes.append(
-            f"{data.epochs_in_file - total} of {data.epochs_in_file} epochs are skipped: they hold no pseudorange."
-        )
-    if not known.all():
-        notes.append(f"{total - known.sum()} of {total} epochs are skipped: they have no true position.")
-    none = int((~in_view.any(axis=1)).sum())
-    if none:
-        notes.append(f"No satellite is in view at {_epochs(none)}.")
-    for letter in systems:
-        count = (in_view & (np.array(data.systems) == letter)).sum(axis=1)
-        name = SYSTEM_NAMES[letter]
-        if (count == 0).any() and (count > 0).any():
-            notes.append(f"{name} has no satellite in view at {_epochs((count == 0).sum())}.")
-        elif (count == 0).all():
-            notes.append(f"{name} has no satellite in view at any epoch.")
-        if (count == 1).any():
-            notes.append(
-                f"{name} has a lone satellite at {_epochs((count == 1).sum())}; there it determines the clock of "
-                "its system and nothing else."
-            )
-    return notes
-
-
-def _satellite_notes(
-    data: ReceiverData,
-    known: NDArray[np.bool_],
-    plausible: NDArray[np.bool_],
-    misfit: NDArray[np.bool_],
-    error_m: NDArray[np.float64],
-) -> list[str]:
-    observed = np.isfinite(data.pseudorange_m[known])
-    low, high = PLAUSIBLE_PSEUDORANGE_M
-    reasons = (
-        ("left out as unhealthy", data.unhealthy[known]),
-        ("left out for want of a usable ephemeris", data.no_ephemeris[known]),
-        (f"left out for a pseudorange outside {low:.3g} to {high:.3g} m", observed & ~plausible),
-        ("left out below the mask, where the ephemeris puts it but not its pseudorange", misfit),
-        (f"kept in spite of an error of more than {GROSS_ERROR_M:g} m", np.abs(error_m) > GROSS_ERROR_M),
-    )
-    return [f"{_counted(data.names, where.sum(axis=0))}: {what}." for what, where in reasons if where.any()]
-
-
-def _counted(names: Sequence[str], counts: NDArray[np.int64]) -> str:
-    """``G02 (14 epochs), C11 (1 epoch)``, the most frequent first."""
-    order = [k for k in np.argsort(-counts, kind="stable") if counts[k]]
-    shown = [f"{names[k]} ({_epochs(counts[k])})" for k in order[:_NAMED_AT_MOST]]
-    more = len(order) - len(shown)
-    return ", ".join(shown) + (f" and {more} more" if more > 0 else "")
-
-
-def _epochs(count: int | np.integer) -> str:
-    return f"{count} epoch{'' if count == 1 else 's'}"

@@ -1,14 +1,9 @@
-"""RINEX observation and navigation files as plain arrays: pseudoranges, satellite positions, satellite clocks.
-
-RINEX 2.11, 3 and 4 are checked in Python and brought to one form (`pl_mc.receiver.observation_records`,
-`pl_mc.receiver.navigation_records`), which RTKLIB evaluates in a process of its own with a time limit
-(`pl_mc.receiver.rtklib_worker`), so that no file can crash or stall the analysis.
-"""
+"""RINEX observation and navigation files as plain arrays: pseudoranges, satellite positions, satellite clocks."""
 
 from __future__ import annotations
 
-import tempfile
-from collections.abc import Sequence
+import os
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from datetime import UTC, datetime, timedelta
 from pathlib import Path
@@ -16,17 +11,18 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
+from pl_mc.constants import SPEED_OF_LIGHT_M_S
 from pl_mc.geometry.record import SYSTEM_NAMES
-from pl_mc.input_errors import InputError
-from pl_mc.receiver import rtklib_worker as worker
-from pl_mc.receiver.navigation_records import checked_navigation
-from pl_mc.receiver.observation_records import checked_observations
-from pl_mc.receiver.rinex_text import header_position_m, read_rinex_text, require_systems
+from pl_mc.input_errors import InputError, require_choice, shown
+from pl_mc.receiver.navigation_records import Ephemeris, Navigation, read_navigation
+from pl_mc.receiver.observation_records import Event, Observations, read_observations
 from pl_mc.receiver.signals import SIGNALS, signal_of
 from pl_mc.receiver.signals import SYSTEMS as KNOWN_SYSTEMS
-from pl_mc.runtime.rtklib_child import run_rtklib_child
 
 SYSTEMS = tuple(dict.fromkeys(signal.system for signal in SIGNALS))
+
+# Where the ionosphere's delay is taken from: the coefficients of the navigation files, or nowhere.
+IONOSPHERES = ("broadcast", "none")
 
 # A navigation satellite is between 1.9e7 m (medium orbit) and 4.5e7 m (synchronous) from the Earth's centre;
 # an ephemeris that says otherwise is damaged.
@@ -34,18 +30,11 @@ _ORBIT_RADIUS_M = (1.9e7, 4.5e7)
 
 # BeiDou: synchronous orbits have a semi-major axis of 42,164 km, medium ones 27,906 km; geostationary ones are
 # inclined by under 10 degrees, the inclined ones by 55 (BDS-SIS-ICD-2.1, section 3.1).
-_SYNCHRONOUS_AXIS_M = 3.5e7
+_SYNCHRONOUS_ROOT_AXIS = np.sqrt(3.5e7)
 _GEO_INCLINATION_RAD = np.radians(20.0)
 
-# Where each version has the ionosphere coefficients.
-_IONOSPHERE = {
-    2: "ION ALPHA and ION BETA in its header",
-    3: "IONOSPHERIC CORR, GPSA and GPSB, in its header",
-    4: "a record > ION G.. LNAV",
-}
-
-# Time that reading may take: some seconds for the start, and many times the usual speed for the rest.
-_START_LIMIT_S, _LIMIT_S_PER_MEGABYTE = 30.0, 5.0
+# What became of each pseudorange.
+_ABSENT, _USABLE, _NO_EPHEMERIS, _UNHEALTHY, _UNPREDICTED = range(5)
 
 
 @dataclass(frozen=True)
@@ -62,10 +51,14 @@ class ReceiverData:
         satellite_clock_m: (e, m), satellite clock with relativity and the group delay of the signal, as a length:
             add it to a pseudorange to remove it [m]; NaN without usable ephemeris.
         unhealthy: (e, m), observed while the ephemeris in force says unhealthy.
+        unpredicted: (e, m), observed while the ephemeris in force predicts no accuracy (URA index 15, or negative).
         no_ephemeris: (e, m), observed without an ephemeris within the window, or with a damaged one.
-        klobuchar_alpha, klobuchar_beta: (4,), coefficients of the GPS ionosphere model.
+        klobuchar_alpha, klobuchar_beta: (4,), coefficients of the ionosphere model; zeros where there is none.
+        ionosphere: whose model that is, G (GPS) or C (BeiDou); empty where the delay is to be left in.
         header_position_m: (3,), approximate position of the header [m], never the truth; NaN where absent.
         epochs_in_file: number of epochs of the file; more than e where some hold no pseudorange of the systems.
+        events: of the file, as far as they move or change the antenna or the site.
+        notes: sentences about what was left out of the files, or read in another way than usual.
     """
 
     time_gps_s: NDArray[np.float64]
@@ -76,81 +69,108 @@ class ReceiverData:
     satellite_position_m: NDArray[np.float64]
     satellite_clock_m: NDArray[np.float64]
     unhealthy: NDArray[np.bool_]
+    unpredicted: NDArray[np.bool_]
     no_ephemeris: NDArray[np.bool_]
     klobuchar_alpha: NDArray[np.float64]
     klobuchar_beta: NDArray[np.float64]
+    ionosphere: str
     header_position_m: NDArray[np.float64]
     epochs_in_file: int
+    events: tuple[Event, ...]
+    notes: tuple[str, ...]
 
 
 def read_rinex(
-    observation_path: str | Path, navigation_path: str | Path, *, systems: Sequence[str] = SYSTEMS
+    observation_path: str | Path,
+    navigation_path: str | Path | Sequence[str | Path],
+    *,
+    systems: Sequence[str] | None = None,
+    ionosphere: str = "broadcast",
 ) -> ReceiverData:
-    """Read a pair of RINEX files; plain, ``.gz``, and the observations also Hatanaka-compressed.
+    """Read an observation file and one or several navigation files.
 
-    Versions 2.10 and 2.11 (GPS alone), 3 and 4 are read; the two files may be of different ones.
+    They may be plain, ``.gz``, ``.bz2``, ``.xz``, ``.zip`` or ``.Z``, and Hatanaka-compressed. Versions 2 (GPS
+    alone), 3 and 4 are read; the files may be of different ones. A line or a record that cannot be read, or says
+    what no satellite sends, costs itself and a note.
 
     Of the ephemerides of a satellite the one with the nearest reference time toe counts, within 2 h (GPS and
     BeiDou alike). GPS time is BeiDou time plus 14 s.
 
     Args:
-        observation_path, navigation_path: the files.
-        systems: RINEX letters; G (GPS, code C1C; in RINEX 2 C1, or P1 where a file has no C1) and C (BeiDou, code
-            C2I or C1I) are read.
+        observation_path: the observation file.
+        navigation_path: the navigation file, or a sequence of them, whose messages are put together.
+        systems: RINEX letters; G (GPS) and C (BeiDou) are read, of the codes in `pl_mc.receiver.signals`. Those of
+            both that the files have unless given.
+        ionosphere: ``broadcast``: the coefficients of GPS, or where no file has them those of BeiDou; ``none``:
+            no coefficients, the delay stays in.
 
     Raises:
-        InputError: a file that is missing, cut short, damaged, of another kind or version, or of another day; a
-            system that is not read or not there. One sentence, which names the file.
+        InputError: a file that is missing, of another kind or version, or of another day; a system that is not
+            read or not there; no coefficients. One sentence, which names the file and what can be done.
     """
-    letters = _checked_systems(systems)
-    observations = read_rinex_text(observation_path, "observation")
-    navigation = read_rinex_text(navigation_path, "navigation")
-    require_systems(observations, letters)
-    observation_text, epochs = checked_observations(observations, letters)
-    arrays = _evaluate(
-        observations.path, observation_text, navigation.path, checked_navigation(navigation, letters), letters
-    )
-    pair = f"{observations.path} and {navigation.path}"
-    names = tuple(arrays["names"].tolist())
-    for letter in letters:
-        if not any(name.startswith(letter) for name in names):
-            raise InputError(f"{observations.path}: it holds no pseudorange of {SYSTEM_NAMES[letter]}.")
-    _require_same_days(pair, arrays)
-    if not (arrays["alpha"].any() and arrays["beta"].any()):
-        raise InputError(
-            f"{navigation.path}: it lacks the GPS ionosphere coefficients ({_IONOSPHERE[navigation.generation]})."
-        )
-    radius_m = np.linalg.norm(arrays["position_m"], axis=-1)
-    placed = (radius_m > _ORBIT_RADIUS_M[0]) & (radius_m < _ORBIT_RADIUS_M[1]) & np.isfinite(arrays["clock_m"])
-    observed = arrays["state"] != worker.ABSENT
-    unhealthy = arrays["state"] == worker.UNHEALTHY
+    require_choice(ionosphere, IONOSPHERES, field="ionosphere")
+    letters = SYSTEMS if systems is None else _checked_systems(systems)
+    paths = _checked_paths(navigation_path)
+    observations = read_observations(observation_path, letters)
+    navigation = read_navigation(paths, letters)
+    used, notes = _used_systems(observations, navigation, paths, letters, asked=systems is not None)
+    columns = np.array([k for k, name in enumerate(observations.names) if name[0] in used])
+    rows = np.isfinite(observations.pseudorange_m[:, columns]).any(axis=1)
+    names = tuple(observations.names[k] for k in columns)
+    pseudorange_m = observations.pseudorange_m[rows][:, columns]
+    time_gps_s = observations.time_gps_s[rows]
+    state, position_m, clock_m = _states(time_gps_s, names, pseudorange_m, navigation)
+    _require_same_time(observations, navigation, paths, time_gps_s, state, used)
+    radius_m = np.linalg.norm(position_m, axis=-1)
+    placed = (radius_m > _ORBIT_RADIUS_M[0]) & (radius_m < _ORBIT_RADIUS_M[1]) & np.isfinite(clock_m)
+    model, coefficients = _ionosphere(navigation, paths, ionosphere, used, notes)
     return ReceiverData(
-        time_gps_s=arrays["time_gps_s"],
+        time_gps_s=time_gps_s,
         names=names,
         systems=tuple(name[0] for name in names),
-        orbits=tuple(_orbit(name, arrays) for name in names),
-        pseudorange_m=arrays["pseudorange_m"],
-        satellite_position_m=np.where(placed[..., None], arrays["position_m"], np.nan),
-        satellite_clock_m=np.where(placed, _clock_of_signals(names, arrays), np.nan),
-        unhealthy=unhealthy,
-        no_ephemeris=observed & ~unhealthy & ~placed,
-        klobuchar_alpha=arrays["alpha"],
-        klobuchar_beta=arrays["beta"],
-        header_position_m=header_position_m(observations),
-        epochs_in_file=epochs,
+        orbits=tuple(_orbit(navigation.ephemerides.get(name, ())) for name in names),
+        pseudorange_m=pseudorange_m,
+        satellite_position_m=np.where(placed[..., None], position_m, np.nan),
+        satellite_clock_m=np.where(placed, clock_m, np.nan),
+        unhealthy=state == _UNHEALTHY,
+        unpredicted=state == _UNPREDICTED,
+        no_ephemeris=(state == _NO_EPHEMERIS) | ((state == _USABLE) & ~placed),
+        klobuchar_alpha=coefficients[:4],
+        klobuchar_beta=coefficients[4:],
+        ionosphere=model,
+        header_position_m=observations.header_position_m,
+        epochs_in_file=observations.epochs_in_file,
+        events=observations.events,
+        notes=(*observations.notes, *navigation.notes, *notes),
     )
 
 
 def gps_date(time_gps_s: float) -> str:
     """Calendar day of a GPS time, ``2020-06-25``."""
-    return f"{datetime(1980, 1, 6, tzinfo=UTC) + timedelta(seconds=float(time_gps_s)):%Y-%m-%d}"
+    return f"{_date(time_gps_s):%Y-%m-%d}"
+
+
+def gps_clock(time_gps_s: float) -> str:
+    """Day and time of a GPS time, ``2020-06-25 12:00:30``."""
+    return f"{_date(time_gps_s):%Y-%m-%d %H:%M:%S}"
+
+
+def _date(time_gps_s: float) -> datetime:
+    return datetime(1980, 1, 6, tzinfo=UTC) + timedelta(seconds=float(time_gps_s))
 
 
 def _checked_systems(systems: Sequence[str]) -> tuple[str, ...]:
+    if not isinstance(systems, Sequence):
+        raise InputError(f"systems: a sequence of RINEX letters is needed, not {shown(systems)}.")
     letters = tuple(systems)
     for letter in letters:
         if letter not in SYSTEMS:
-            raise InputError(f"systems: {letter!r} is not read from receiver files; G (GPS) and C (BeiDou) are.")
+            hint = ""
+            if isinstance(letter, str) and len(letter) > 1 and set(letter) <= {*SYSTEMS, " ", ";"}:
+                hint = f"; they are separated by commas: {','.join(one for one in letter if one in SYSTEMS)}"
+            raise InputError(
+                f"systems: {shown(letter)} is not read from receiver files; G (GPS) and C (BeiDou) are{hint}."
+            )
     if not letters or len(set(letters)) != len(letters):
         raise InputError(
             f"systems: each of G and C once, or one of them, is needed, not {', '.join(letters) or 'none'}."
@@ -158,63 +178,161 @@ def _checked_systems(systems: Sequence[str]) -> tuple[str, ...]:
     return letters
 
 
-def _evaluate(
-    observation_path: Path, observations: str, navigation_path: Path, navigation: str, systems: Sequence[str]
-) -> dict[str, NDArray]:
-    """The arrays of `rtklib_worker.evaluate`, computed in a process of its own."""
-    pair = f"{observation_path} and {navigation_path}"
-    limit_s = _START_LIMIT_S + _LIMIT_S_PER_MEGABYTE * (len(observations) + len(navigation)) / 1e6
-    with tempfile.TemporaryDirectory(prefix="pl_mc_") as folder:
-        paths = [Path(folder, name) for name in ("observations.rnx", "navigation.rnx", "result.npz")]
-        for path, text in zip(paths, (observations, navigation), strict=False):
-            path.write_text(text, encoding="latin-1", newline="\n")
-        run_rtklib_child(
-            worker.__file__,
-            [*map(str, paths), *(f"{letter}{KNOWN_SYSTEMS[letter].ephemeris_window_s:g}" for letter in systems)],
-            limit_s=limit_s,
-            exit_no_library=worker.EXIT_NO_LIBRARY,
-            owner="receiver files",
-            given_up=lambda limit: f"{pair}: reading them was given up after {limit}; is one damaged?",
-            failed=lambda reason: f"{pair}: RTKLIB cannot evaluate them ({reason}); is one damaged?",
-        )
-        with np.load(paths[2]) as result:
-            return dict(result)
+def _checked_paths(given: str | Path | Sequence[str | Path]) -> tuple[str | Path, ...]:
+    paths = (given,) if isinstance(given, str | os.PathLike) or not isinstance(given, Sequence) else tuple(given)
+    if not paths:
+        raise InputError("navigation: a navigation file is needed, and none is given.")
+    return paths
 
 
-def _require_same_days(pair: str, arrays: dict[str, NDArray]) -> None:
+def _named(paths: Sequence[str | Path]) -> str:
+    return " and ".join(map(str, paths))
+
+
+def _used_systems(
+    observations: Observations,
+    navigation: Navigation,
+    paths: Sequence[str | Path],
+    letters: Sequence[str],
+    *,
+    asked: bool,
+) -> tuple[tuple[str, ...], list[str]]:
+    """The systems that both files have, and notes about those that are not there; a refusal where one was asked for."""
+    used: list[str] = []
+    missing: list[tuple[str, str]] = []
+    observed = {name[0] for name in observations.names}
+    sent = {name[0] for name in navigation.ephemerides}
+    for letter in letters:
+        name, file = SYSTEM_NAMES[letter], observations.path
+        listed = observations.found.get(letter)
+        if listed is None:
+            found = ", ".join(f"{key} ({SYSTEM_NAMES[key]})" for key in observations.found) or "none that is read"
+            missing.append((str(file), f"it has no {name} ({letter}); its systems are {found}"))
+        elif letter not in observed:
+            why = f"it holds no pseudorange of {name} {signal_of(letter).name}; it has {', '.join(listed)}"
+            missing.append((str(file), why))
+        elif letter not in sent:
+            found = ", ".join(SYSTEM_NAMES[key] for key in sorted(sent)) or "none"
+            missing.append((_named(paths), f"it has no ephemeris of {name} that can be used; its systems: {found}"))
+        else:
+            used.append(letter)
+    if missing and (asked or not used):
+        ways = f"; choose the systems {','.join(used)}" if used else ""
+        told = (*observations.notes, *navigation.notes)
+        because = f" {told[0]}" if told and not used else ""
+        raise InputError(f"{': '.join(missing[0])}{ways}.{because}")
+    alone = " and ".join(SYSTEM_NAMES[letter] for letter in used)
+    return tuple(used), [
+        f"{alone} alone is used: {os.path.basename(file)} {why.removeprefix('it ')}." for file, why in missing
+    ]
+
+
+def _states(
+    time_gps_s: NDArray[np.float64], names: Sequence[str], pseudorange_m: NDArray[np.float64], navigation: Navigation
+) -> tuple[NDArray[np.int8], NDArray[np.float64], NDArray[np.float64]]:
+    """What became of each pseudorange (e, m), and positions (e, m, 3) and clocks (e, m) when the signals left [m]."""
+    state = np.full(pseudorange_m.shape, _ABSENT, dtype=np.int8)
+    position_m = np.full((*pseudorange_m.shape, 3), np.nan)
+    clock_m = np.full(pseudorange_m.shape, np.nan)
+    for column, name in enumerate(names):
+        rows = np.flatnonzero(np.isfinite(pseudorange_m[:, column]))
+        state[rows, column] = _NO_EPHEMERIS
+        ephemerides = navigation.ephemerides.get(name, ())
+        if not ephemerides:
+            continue
+        toe_s = np.array([one.toe_gps_s for one in ephemerides])
+        nearest = _nearest(toe_s, time_gps_s[rows])
+        inside = np.abs(toe_s[nearest] - time_gps_s[rows]) <= KNOWN_SYSTEMS[name[0]].ephemeris_window_s
+        for row, place in zip(rows[inside].tolist(), nearest[inside].tolist(), strict=True):
+            one = ephemerides[place]
+            if not one.usable:
+                state[row, column] = _UNPREDICTED if one.healthy else _UNHEALTHY
+                continue
+            state[row, column] = _USABLE
+            flight_s = float(pseudorange_m[row, column]) / SPEED_OF_LIGHT_M_S
+            position_m[row, column], clock_m[row, column] = _state(one, float(time_gps_s[row]), flight_s)
+    return state, position_m, clock_m
+
+
+def _nearest(sorted_s: NDArray[np.float64], times_s: NDArray[np.float64]) -> NDArray[np.int64]:
+    """Index of the nearest of ``sorted_s`` to each time; of two equally near, the later one."""
+    after = np.searchsorted(sorted_s, times_s).clip(0, sorted_s.size - 1)
+    before = (after - 1).clip(0)
+    return np.where(times_s - sorted_s[before] < sorted_s[after] - times_s, before, after)
+
+
+def _state(one: Ephemeris, received_s: float, flight_s: float) -> tuple[tuple[float, float, float], float]:
+    """Position [m] and clock [m] of a satellite when the signal left it that was received with that pseudorange.
+
+    Receiver time minus pseudorange over c is what the satellite's clock showed, whatever the receiver clock was.
+    """
+    evaluate = one.record.evaluate
+    shown_s = received_s - one.week_gps_s - flight_s
+    found = evaluate(shown_s - evaluate(shown_s).clock_polynomial_s)
+    first, second = signal_of(one.name[0]).group_delays
+    delay_s = first * one.group_delays_s[0] + second * one.group_delays_s[1]
+    clock_s = found.clock_polynomial_s + found.relativistic_clock_s - delay_s
+    return (found.x_m, found.y_m, found.z_m), SPEED_OF_LIGHT_M_S * clock_s
+
+
+def _require_same_time(
+    observations: Observations,
+    navigation: Navigation,
+    paths: Sequence[str | Path],
+    time_gps_s: NDArray[np.float64],
+    state: NDArray[np.int8],
+    used: Sequence[str],
+) -> None:
     """Raise `InputError` if no pseudorange has an ephemeris within the window."""
-    toe = arrays["ephemeris_toe_gps_s"]
-    if np.isin(arrays["state"], (worker.USABLE, worker.UNHEALTHY)).any():
+    if (state > _NO_EPHEMERIS).any() or (state == _USABLE).any():
         return
-    if toe.size == 0:
-        raise InputError(f"{pair}: the navigation file holds no ephemeris that can be used.")
-    observed = _span(arrays["time_gps_s"])
-    raise InputError(f"{pair}: the observations are of {observed}, but the ephemerides are of {_span(toe)}.")
+    toe = np.array([one.toe_gps_s for every in navigation.ephemerides.values() for one in every if one.name[0] in used])
+    same_day = gps_date(time_gps_s.min()) == gps_date(toe.min()) or gps_date(time_gps_s.max()) == gps_date(toe.max())
+    form = gps_clock if same_day else gps_date
+    raise InputError(
+        f"{observations.path} and {_named(paths)}: the observations are of {_span(time_gps_s, form)}, but the "
+        f"ephemerides are of {_span(toe, form)}; a navigation file of that time is needed."
+    )
 
 
-def _span(times_gps_s: NDArray[np.float64]) -> str:
-    first, last = gps_date(times_gps_s.min()), gps_date(times_gps_s.max())
+def _span(times_gps_s: NDArray[np.float64], form: Callable[[float], str]) -> str:
+    first, last = form(times_gps_s.min()), form(times_gps_s.max())
     return first if first == last else f"{first} to {last}"
 
 
-def _clock_of_signals(names: Sequence[str], arrays: dict[str, NDArray]) -> NDArray[np.float64]:
-    """(e, m) clocks as users of the signals have them; the library takes the first group delay from all."""
-    clock_m = arrays["clock_m"]
-    for column, name in enumerate(names):
-        first, second = signal_of(name[0]).group_delays
-        if (first, second) != (1.0, 0.0):
-            delays_m = arrays["group_delays_m"][:, column]
-            clock_m[:, column] += (1.0 - first) * delays_m[:, 0] - second * delays_m[:, 1]
-    return clock_m
+def _ionosphere(
+    navigation: Navigation, paths: Sequence[str | Path], asked: str, used: Sequence[str], notes: list[str]
+) -> tuple[str, NDArray[np.float64]]:
+    """Whose model of the ionosphere is used, and its coefficients (8,); GPS first, and any other than zeros."""
+    if asked == "none":
+        notes.append("The ionosphere's delay is left in (ionosphere none).")
+        return "", np.zeros(8)
+    there = navigation.klobuchar
+    model = next((letter for letter in SYSTEMS if letter in there and there[letter].any()), None)
+    if model is None and there:
+        model = next(iter(there))
+        notes.append(
+            f"The ionosphere coefficients of {SYSTEM_NAMES[model]} are all zero: its model gives 5 ns overhead, day "
+            "and night."
+        )
+    if model is None:
+        raise InputError(
+            f"{_named(paths)}: no ionosphere coefficients of GPS or BeiDou (GPSA and GPSB, BDSA and BDSB, ION ALPHA "
+            "and ION BETA in the header, > ION records of RINEX 4); give a further navigation file that has them, or "
+            "choose the ionosphere none (--ionosphere none), which leaves its delay in."
+        )
+    if model == "C" and "G" in used:
+        notes.append("The ionosphere is corrected with the coefficients of BeiDou; there are none of GPS.")
+    return model, there[model]
 
 
-def _orbit(name: str, arrays: dict[str, NDArray]) -> str:
-    """Class of orbit of a satellite, from its broadcast semi-major axis and inclination."""
-    mine = np.flatnonzero(arrays["ephemeris_names"] == name)
-    if mine.size == 0:
+def _orbit(ephemerides: Sequence[Ephemeris]) -> str:
+    """Class of orbit of a satellite, from its broadcast semi-major axes and inclinations."""
+    if not ephemerides:
         return ""
-    if name.startswith("G"):
+    if ephemerides[0].name.startswith("G"):
         return "GPS"
-    if np.median(arrays["semi_major_axis_m"][mine]) < _SYNCHRONOUS_AXIS_M:
+    elements = [one.record.elements for one in ephemerides]
+    if np.median([one.sqrt_a for one in elements]) < _SYNCHRONOUS_ROOT_AXIS:
         return "BDS-MEO"
-    return "BDS-GEO" if np.median(arrays["inclination_rad"][mine]) < _GEO_INCLINATION_RAD else "BDS-IGSO"
+    return "BDS-GEO" if np.median([one.i0 for one in elements]) < _GEO_INCLINATION_RAD else "BDS-IGSO"

@@ -1,32 +1,31 @@
-"""From a file on disk to the lines of a RINEX file: version, kind, header, and what the header says.
-
-RTKLIB skips in silence what it cannot make sense of. A damaged file must not become a shorter series, so whatever
-a RINEX file promises is checked before: its header here, its epochs in `pl_mc.receiver.observation_records`, its
-ephemerides in `pl_mc.receiver.navigation_records`.
-"""
+"""From a file on disk to the lines of a RINEX file: unpacked, its kind and version known, its header apart."""
 
 from __future__ import annotations
 
+import os
 import re
-from collections.abc import Sequence
+from collections.abc import Collection
 from dataclasses import dataclass
 from pathlib import Path
 
-import numpy as np
-from numpy.typing import NDArray
-
-from pl_mc.geometry.record import SYSTEM_NAMES
-from pl_mc.input_errors import InputError
-from pl_mc.receiver.signals import signal_of
-from pl_mc.runtime.unpacking import read_unpacked
+from pl_mc.input_errors import InputError, shown
+from pl_mc.receiver import library
+from pl_mc.runtime.unpacking import LARGEST_BYTES, read_unzipped
 
 _KINDS = {"O": "observation", "N": "navigation", "M": "meteorological", "C": "clock"}
-_OTHER_KINDS_2 = {"G": "GLONASS navigation", "H": "geostationary navigation"}
+# RINEX 2 has a kind of navigation file for each of the other systems.
+_KINDS_2 = {**_KINDS, "G": "navigation", "H": "navigation"}
 
-_VERSIONS = (2, 3, 4)
+_LABEL = re.compile(r"[A-Z]{2}", re.ASCII)
+_VERSION = re.compile(r"([234])(\.\d?\d?)?", re.ASCII)
 
-# No header means a coordinate beyond this; the square of a larger one may be no number.
-_FARTHEST_M = 1e9
+# What compact records hold: differences, flags and changed satellites; no point and no small letter.
+_DIFFERENCES = re.compile(r"[0-9A-Z &-]*", re.ASCII)
+
+_COMPACT_EVENT = re.compile(r"(?:&.{27}|>.{30})[2-5]([ \d]{2}\d)", re.ASCII)
+
+# Names that a note gives before it counts.
+_NAMED_AT_MOST = 8
 
 
 @dataclass(frozen=True)
@@ -38,128 +37,124 @@ class RinexText:
         version: its version as it is written, ``3.04``.
         header: header lines, END OF HEADER included.
         body: the lines after it.
+        before: lines of the file before those of the body.
         ends_with_newline: whether the last line is complete.
+        compact: whether it was Hatanaka-compressed.
     """
 
     path: Path
     version: str
     header: tuple[str, ...]
     body: tuple[str, ...]
+    before: int
     ends_with_newline: bool
+    compact: bool
 
     @property
     def generation(self) -> int:
         """2, 3 or 4."""
-        return int(float(self.version))
+        return int(self.version[0])
 
-    def labelled(self, label: str) -> list[str]:
-        """The first 60 columns of each header line with that label."""
-        return [line[:60] for line in self.header if line[60:].strip() == label]
+    def labelled(self, labels: Collection[str]) -> list[str]:
+        """The header lines with one of those labels."""
+        return [line for line in self.header if label_of(line) in labels]
 
-    def where(self, index: int) -> str:
-        """File and line number of a line of the body, for messages."""
-        return f"{self.path}, line {len(self.header) + index + 1}"
+    def without_label(self) -> list[str]:
+        """Header lines that have none, in words: what stands there may be an epoch or a record."""
+        first = self.before - len(self.header) + 1
+        odd = [k for k, line in enumerate(self.header) if line.strip() and not _LABEL.search(label_of(line))]
+        return [f"line {first + k} (in the header, without a label)" for k in odd]
+
+    def number(self, index: int) -> int:
+        """Line number of a line of the body, for messages."""
+        return self.before + index + 1
+
+
+def label_of(line: str) -> str:
+    """The label of a header line."""
+    return line[60:].strip()
 
 
 def read_rinex_text(path: str | Path, kind: str) -> RinexText:
-    """Read, decompress and split a RINEX file; plain, ``.gz``, Hatanaka-compressed or both.
+    """Read, unpack and split a RINEX file: as `read_unzipped`, and Hatanaka-compressed.
+
+    A byte-order mark, blank lines before the header and any ends of lines are harmless; what is no ASCII becomes
+    a question mark.
 
     Args:
         path: the file.
         kind: ``observation`` or ``navigation``.
 
     Raises:
-        InputError: the file is missing, empty, cut short, not RINEX, of another version or of another kind.
+        InputError: the file is missing, empty, not RINEX, of another version or of another kind.
     """
+    if not isinstance(path, str | os.PathLike):
+        raise InputError(f"{kind}: the path of a file is needed, not {shown(path)}.")
     path = Path(path)
-    content = read_unpacked(path)
-    if b"\0" in content:
-        raise InputError(f"{path}: it holds binary data and is not a RINEX file.")
-    text = content.decode("latin-1")
+    content = read_unzipped(path).removeprefix(b"\xef\xbb\xbf")
+    text = content.decode("latin-1") if content.isascii() else content.decode("ascii", "replace").replace("\ufffd", "?")
+    text = text.replace("\r\n", "\n").replace("\r", "\n")
+    if not text.strip():
+        raise InputError(f"{path}: the file is empty.")
+    whole, compact = text.endswith("\n"), "CRINEX VERS" in text.lstrip()[:80]
+    if compact:
+        text = _without_hatanaka(path, text.lstrip())
     # Not splitlines, which also splits at control characters that no editor counts as the end of a line.
-    lines = text.replace("\r\n", "\n").replace("\r", "\n").removesuffix("\n").split("\n")
-    first = lines[0]
-    if first[60:].strip() != "RINEX VERSION / TYPE":
-        raise InputError(f"{path}: it is not a RINEX file; its first line does not end in RINEX VERSION / TYPE.")
+    lines = text.removesuffix("\n").split("\n")
+    start = next(k for k, line in enumerate(lines) if line.strip())
+    first = lines[start]
+    if label_of(first) != "RINEX VERSION / TYPE":
+        binary = "it holds binary data and is not" if "\0" in first else "it is not"
+        raise InputError(f"{path}: {binary} a RINEX file; its first line does not end in RINEX VERSION / TYPE.")
     version, letter = first[:9].strip(), first[20:21]
-    if not re.fullmatch(r"\d+(\.\d*)?", version, flags=re.ASCII):
+    if not re.fullmatch(r"\d+(\.\d*)?", version, re.ASCII):
         raise InputError(f"{path}: its first line names no RINEX version.")
-    if float(version) not in (n + k / 100 for n in _VERSIONS for k in range(100)):
+    if not _VERSION.fullmatch(version):
         raise InputError(f"{path}: this is RINEX {version}, and RINEX 2, 3 or 4 is needed.")
-    kinds = _KINDS if int(float(version)) > 2 else {**_OTHER_KINDS_2, **_KINDS}
+    kinds = _KINDS_2 if version[0] == "2" else _KINDS
     if kinds.get(letter) != kind:
         found = f"a RINEX {kinds[letter]} file" if letter in kinds else f"a RINEX file of type {letter!r}"
         hint = "; have the two been exchanged?" if letter in ("O", "N") else "."
         raise InputError(f"{path}: this is {found}, and the {kind} file is needed here{hint}")
-    ends = [k for k, line in enumerate(lines) if line[60:].strip() == "END OF HEADER"]
+    ends = [k for k, line in enumerate(lines) if label_of(line) == "END OF HEADER"]
     if not ends:
         raise InputError(f"{path}: its header has no END OF HEADER; the file is cut short or damaged.")
     split = ends[0] + 1
-    for number, line in enumerate(lines[:split], start=1):
-        if line.strip() and not line[60:].strip():
-            raise InputError(f"{path}, line {number}: a line of the header has no label; the file is damaged.")
-    return RinexText(path, version, tuple(lines[:split]), tuple(lines[split:]), text.endswith(("\n", "\r")))
+    return RinexText(path, version, tuple(lines[start:split]), tuple(lines[split:]), split, whole, compact)
 
 
-def observed_codes(file: RinexText) -> dict[str, tuple[str, ...]]:
-    """Observation codes of each system letter, from SYS / # / OBS TYPES of RINEX 3 and 4.
+def listed(told: Collection[str]) -> str:
+    """The first of some things, and how many more there are."""
+    shown = ["".join(c if c.isprintable() else "?" for c in one) for one in list(told)[:_NAMED_AT_MOST]]
+    return "; ".join(shown) + (f"; and {len(told) - len(shown)} more" if len(told) > len(shown) else "")
 
-    Raises:
-        InputError: the header lists none, or not as many as it says.
+
+def _without_hatanaka(path: Path, text: str) -> str:
+    """The RINEX text of a compact one, whose lines below the header hold nothing but differences.
+
+    The library takes what it does not know for values that are missing.
     """
-    codes: dict[str, list[str]] = {}
-    promised: dict[str, str] = {}
-    letter = " "
-    for line in file.labelled("SYS / # / OBS TYPES"):
-        if line[0] != " ":
-            letter, promised[line[0]] = line[0], line[3:6].strip()
-        codes.setdefault(letter, []).extend(line[6:].split())
-    if not codes:
-        raise InputError(f"{file.path}: its header lists no SYS / # / OBS TYPES.")
-    for key, listed in codes.items():
-        if promised.get(key) != str(len(listed)):
+    lines = text.split("\n")
+    end = next((k for k, line in enumerate(lines) if label_of(line) == "END OF HEADER"), len(lines))
+    of_event = 0
+    for number, line in enumerate(lines[end + 1 :], start=end + 2):
+        # Epochs written in full, and header lines that an event brings, look like RINEX.
+        if of_event:
+            of_event -= 1
+        elif event := _COMPACT_EVENT.match(line):
+            of_event = int(event[1])
+        elif not (line.startswith(("&", ">")) or _DIFFERENCES.fullmatch(line)):
             raise InputError(
-                f"{file.path}: its header promises {promised.get(key) or 'no number of'} observation types of "
-                f"system {key!r} and lists {len(listed)}; it is damaged."
+                f"{path}, line {number}: this is no line of Hatanaka compression; the file is damaged, and in this "
+                "form what follows the damage is lost."
             )
-    return {key: tuple(value) for key, value in codes.items()}
-
-
-def require_systems(file: RinexText, systems: Sequence[str]) -> None:
-    """Raise `InputError` unless the observation file has the pseudoranges of all systems."""
-    if file.generation == 2:
-        require_gps_alone(file, systems)
-        return
-    codes = observed_codes(file)
-    for letter in systems:
-        usable = signal_of(letter).codes
-        if letter not in codes:
-            found = ", ".join(f"{key} ({SYSTEM_NAMES[key]})" if key in SYSTEM_NAMES else key for key in codes)
-            raise InputError(f"{file.path}: it has no {SYSTEM_NAMES[letter]} ({letter}); its systems are {found}.")
-        if not set(usable) & set(codes[letter]):
-            raise InputError(
-                f"{file.path}: it has no {' or '.join(usable)} pseudoranges of {SYSTEM_NAMES[letter]}; it has "
-                f"{', '.join(codes[letter])}."
-            )
-
-
-def require_gps_alone(file: RinexText, systems: Sequence[str]) -> None:
-    """Raise `InputError` if a system other than GPS is wanted of a RINEX 2 file."""
-    others = [SYSTEM_NAMES[letter] for letter in systems if letter != "G"]
-    if others:
+    try:
+        text = library.without_hatanaka(text)
+    except library.Unreadable as error:
         raise InputError(
-            f"{file.path}: this is RINEX {file.version}, of which GPS alone is read, not {others[0]}; choose the "
-            "systems G."
-        )
-
-
-def header_position_m(file: RinexText) -> NDArray[np.float64]:
-    """(3,) APPROX POSITION XYZ of an observation file [m]; NaN where it is absent, unreadable or zero."""
-    for line in file.labelled("APPROX POSITION XYZ"):
-        try:
-            position = np.array([float(part) for part in line.split()])
-        except ValueError:
-            continue
-        if position.shape == (3,) and (np.abs(position) < _FARTHEST_M).all() and position.any():
-            return position
-    return np.full(3, np.nan)
+            f"{path}: its Hatanaka compression cannot be undone ({error}); the file is cut short or damaged, and in "
+            "this form what follows the damage is lost."
+        ) from None
+    if len(text) > LARGEST_BYTES:
+        raise InputError(f"{path}: it unpacks to more than {LARGEST_BYTES / 1e9:g} GB, which no file of its kind does.")
+    return text

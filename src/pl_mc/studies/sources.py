@@ -142,34 +142,30 @@ class ReceiverSource(ReceiverFiles):
 
     def files(self) -> dict[str, Path]:
         """The files by field, found; an `InputError` names the one that is not there and the variable."""
-        wanted = {"observations": self.observations, "navigation": self.navigation}
-        if self._has_track():
-            wanted["truth"] = Path(self.truth)
-        return {field: _found(field, path) for field, path in wanted.items()}
+        return {field: _found(field, path) for field, path in self.receiver_files().items()}
 
     def series(self, *, draws: int, seed: int, precision: str) -> Series:
         """The series with the errors that the receiver had; the noise is its own, so draws and seed do nothing."""
         files = self.files()
         read = read_receiver_series(
             files["observations"],
-            files["navigation"],
-            read_truth(str(files["truth"]) if self._has_track() else self.truth),
+            [path for field, path in files.items() if field.startswith("navigation")],
+            read_truth(str(files["truth"]) if self.has_track() else self.truth),
             systems=self.systems,
             mask_deg=self.mask_deg,
             error_model=self.model(),
+            ionosphere=self.ionosphere,
         )
         return Series(read.geometry, read.errors_m[None], {}, read.notes)
 
     def describe(self) -> str:
         """The source in words."""
-        truth = "its track" if self._has_track() else "its known position"
+        truth = "its track" if self.has_track() else "its known position"
+        systems = "those it has" if self.systems is None else " + ".join(self.systems)
         return (
-            f"receiver file {self.observations.name} against {truth}, systems {' + '.join(self.systems)}, mask "
+            f"receiver file {self.observations.name} against {truth}, systems {systems}, mask "
             f"{self.mask_deg:g} deg; the receiver's own errors; sigma from the error model {self.error_model}"
         )
-
-    def _has_track(self) -> bool:
-        return self.truth.strip().lower().endswith((".csv", ".csv.gz"))
 
 
 def _form_of_source(given: Any) -> str | None:

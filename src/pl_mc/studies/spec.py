@@ -121,13 +121,15 @@ class SimulatedGeometry(Strict):
 class ReceiverFiles(Strict):
     """A receiver's RINEX files and where it truly was; fields of `pl_mc.receiver.read_receiver_series`.
 
-    ``truth`` is ``X,Y,Z`` Earth-fixed [m] or the name of a track.
+    ``navigation`` is one file or several; ``truth`` is ``X,Y,Z`` Earth-fixed [m] or the name of a track; ``systems``
+    are those that the files have unless given.
     """
 
     observations: Path
-    navigation: Path
+    navigation: Path | tuple[Path, ...]
     truth: str
-    systems: tuple[str, ...] = ("G", "C")
+    systems: tuple[str, ...] | None = None
+    ionosphere: Literal["broadcast", "none"] = "broadcast"
     mask_deg: float = Field(default=10.0, ge=0, lt=90)
     error_model: str = "residual"
     error_options: dict[str, Any] = Field(default_factory=dict)
@@ -135,6 +137,17 @@ class ReceiverFiles(Strict):
     def model(self) -> ErrorModel:
         """The error model."""
         return error_model(self.error_model, **self.error_options)
+
+    def receiver_files(self) -> dict[str, Path]:
+        """The files by field; of several navigation files each one but the first has its number."""
+        several = self.navigation if isinstance(self.navigation, tuple) else (self.navigation,)
+        names = ["navigation", *(f"navigation {k}" for k in range(2, len(several) + 1))]
+        files = {"observations": self.observations, **dict(zip(names, several, strict=False))}
+        return files | ({"truth": Path(self.truth)} if self.has_track() else {})
+
+    def has_track(self) -> bool:
+        """Whether the truth is a file."""
+        return self.truth.strip().lower().endswith((".csv", ".csv.gz"))
 
 
 def _each_once(names: tuple[str, ...]) -> tuple[str, ...]:

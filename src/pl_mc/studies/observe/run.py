@@ -9,6 +9,8 @@ from typing import Literal
 
 import numpy as np
 import pandas as pd
+from matplotlib.axes import Axes
+from matplotlib.dates import AutoDateLocator, ConciseDateFormatter
 from matplotlib.figure import Figure
 
 from pl_mc.alert import AlertLimits
@@ -16,14 +18,21 @@ from pl_mc.engine import Execution, solve
 from pl_mc.geometry import Geometry
 from pl_mc.geometry.gps_time import gps_dates
 from pl_mc.injection import Injection, inject, parse_injection
+from pl_mc.input_errors import InputError
 from pl_mc.receiver import read_receiver_series, read_truth
 from pl_mc.report.accuracy import DIRECTIONS, ERRORS, accuracy_m
 from pl_mc.report.document import Summary, TextTable
-from pl_mc.report.figures import limit_line, method_label, new_figure, series_style, shade
+from pl_mc.report.figures import legend_below, limit_line, method_label, new_figure, series_style, shade
 from pl_mc.report.findings import Findings, Table, picture
 from pl_mc.report.text import metres, share_of, share_text
 from pl_mc.studies.spec import Experiment, ReceiverFiles
 from pl_mc.studies.study import Check, Work, refuse
+
+# Lines of so few epochs have points; further apart than so many steps epochs are missing; levels up to so many times
+# the limit are drawn on a linear axis.
+_FEW_EPOCHS = 60
+_STEPS_WITHOUT_GAP = 1.5
+_LINEAR_UP_TO = 4.0
 
 # A day with an epoch every 30 s takes less than a series of it, which is solved 42 times [s].
 _SECONDS_A_DAY = 1.2
@@ -39,9 +48,8 @@ class ObserveExperiment(Experiment, ReceiverFiles):
     faults: tuple[str, ...] = ()
 
     def input_files(self) -> Mapping[str, Path]:
-        """The two RINEX files, and the track where the truth is one."""
-        files = {"observations": self.observations, "navigation": self.navigation}
-        return files | ({"truth": Path(self.truth)} if Path(self.truth).is_file() else {})
+        """The RINEX files, and the track where the truth is one."""
+        return self.receiver_files()
 
 
 def run(experiment: ObserveExperiment, execution: Execution) -> Findings:
@@ -49,16 +57,17 @@ def run(experiment: ObserveExperiment, execution: Execution) -> Findings:
     injections = [parse_injection(text) for text in experiment.faults]
     series = read_receiver_series(
         experiment.observations, experiment.navigation, read_truth(experiment.truth), systems=experiment.systems,
-        mask_deg=experiment.mask_deg, error_model=experiment.model(),
+        mask_deg=experiment.mask_deg, error_model=experiment.model(), ionosphere=experiment.ionosphere,
     )  # fmt: skip
     g = series.geometry
+    _require_solution(experiment, g, series.notes)
     errors_m, faulted, notes = inject(g, series.errors_m, injections)
     alert = experiment.alert_limits()
     table = solve(g, errors_m, methods=experiment.method_records(), alert=alert, precision=experiment.precision)
     table["faulted"] = table.epoch.map(pd.Series(faulted, index=g.epoch))
     table.insert(1, "time", gps_dates(table.pop("time_gps_s")))
     return Findings(
-        summary=summary(experiment, table, injections),
+        summary=summary(experiment, table, injections, g.clocks),
         tables=(Table("epochs", table, stored="both"),),
         pictures=(error_figure(table, alert=alert, title=experiment.title),),
         notes=(*series.notes, *notes),
@@ -77,7 +86,23 @@ def checks(experiment: ObserveExperiment, g: Geometry | None) -> Iterator[Check]
             yield field, partial(refuse, f"{field}: {path}: there is no such file.")
 
 
-def summary(experiment: ObserveExperiment, table: pd.DataFrame, injections: Sequence[Injection]) -> Summary:
+def _require_solution(experiment: ObserveExperiment, g: Geometry, notes: Sequence[str]) -> None:
+    """Raise `InputError` where no epoch has as many satellites as there are unknowns."""
+    seen, unknown = g.in_view.sum(axis=1), g.unknown_count
+    if (seen >= unknown).any():
+        return
+    best = int(np.argmax(seen - unknown))
+    because = f" Notes: {' '.join(notes)}" if notes else ""
+    raise InputError(
+        f"{experiment.observations}: no epoch has a solution; at best {seen[best]} of the {unknown[best]} satellites "
+        f"that are needed are in view (epoch {g.epoch[best]}), three for the position and one for the clock of each "
+        f"system.{because}"
+    )
+
+
+def summary(
+    experiment: ObserveExperiment, table: pd.DataFrame, injections: Sequence[Injection], systems: Sequence[str]
+) -> Summary:
     """The blocks of the summary; ``table`` is that of the epochs."""
     alert, first = experiment.alert_limits(), table.drop_duplicates("epoch")
     count = first.satellites
@@ -89,7 +114,7 @@ def summary(experiment: ObserveExperiment, table: pd.DataFrame, injections: Sequ
     injected = f" Injected: {'; '.join(map(str, injections))}." if injections else ""
     return (
         f"{len(first)} epochs from {first.time.iloc[0]} to {first.time.iloc[-1]} (GPS time), systems "
-        f"{', '.join(experiment.systems)}, mask {experiment.mask_deg:g} deg, error model "
+        f"{', '.join(systems)}, mask {experiment.mask_deg:g} deg, error model "
         f"{experiment.error_model}, {count.min()}-{count.max()} satellites (mean {count.mean():.1f}). Alert "
         f"limit: {alert.name}, VAL {metres(alert.vertical_m)} m.{injected}",
         "Position errors over all available epochs [m]:",
@@ -138,36 +163,67 @@ def _alarms(table: pd.DataFrame, val_m: float) -> TextTable:
     return TextTable.of(header, rows)
 
 
-@picture("epochs", "Position errors and protection levels over the epochs.")
+@picture("epochs", "Position errors and protection levels over time.")
 def error_figure(table: pd.DataFrame, *, alert: AlertLimits, title: str) -> Figure:
-    """East, north and up errors and VPL against the epoch, method by method, faulted epochs shaded.
+    """East, north and up errors and VPL against time, method by method, faulted epochs shaded.
 
-    ``table`` has ``epoch, method, east_m, north_m, up_m, vpl_m, faulted``.
+    ``table`` has ``epoch, time, method, east_m, north_m, up_m, vpl_m, faulted``. Levels are drawn in full; where some
+    are far beyond the limit, on a logarithmic axis.
     """
     figure, axes = new_figure(4, 1, width_in=8.0, height_in=9.0, title=title, sharex=True)
-    windows = faulted_windows(table)
+    windows, step = faulted_windows(table), _longest_step(table)
     labels = {"east_m": "east error", "north_m": "north error", "up_m": "up error", "vpl_m": "VPL"}
     for panel, (column, label) in zip(axes, labels.items(), strict=True):
         shade(panel, windows, "faulted epochs")
         for k, (method, group) in enumerate(table.groupby("method", sort=False)):
             # Least squares lies below in a lighter line, so that both stay visible where they agree.
             line, width, alpha = ("-", 1.3, 0.55) if k == 0 else ((0, (2, 1)), 0.8, 1.0)
-            panel.plot(
-                group.epoch, group[column], linestyle=line, color=series_style(k).colour, linewidth=width,
-                alpha=alpha, label=method_label(str(method)),
-            )  # fmt: skip
+            # A line ends where epochs are missing, and goes on after them.
+            parts = (group.time.diff() > step).cumsum()
+            for j, (_, part) in enumerate(group.groupby(parts)):
+                panel.plot(
+                    part.time, part[column], linestyle=line, color=series_style(k).colour, linewidth=width,
+                    alpha=alpha, label=method_label(str(method)) if j == 0 else None,
+                    marker="." if len(part) < _FEW_EPOCHS else None,
+                )  # fmt: skip
         panel.set_ylabel(f"{label} [m]")
-    limit_line(axes[3], alert.vertical_m, f"VAL {alert.vertical_m:g} m")
-    top = float(np.nanmax([alert.vertical_m * 1.15, min(np.nanmax(table.vpl_m), 4 * alert.vertical_m)]))
-    axes[3].set(xlabel="epoch", ylim=(0, top))
-    handles, names = axes[0].get_legend_handles_labels()
-    figure.legend(handles, names, loc="outside upper right", ncols=len(names))
+        panel.margins(x=0.01)
+    _levels(axes[3], table.vpl_m[np.isfinite(table.vpl_m)], alert.vertical_m)
+    dates = AutoDateLocator()
+    axes[3].xaxis.set_major_locator(dates)
+    form = ConciseDateFormatter(dates, show_offset=False)
+    form.formats[5] = "%H:%M:%S"
+    if table.time.iloc[-1] - table.time.iloc[0] <= pd.Timedelta(days=1):
+        form.zero_formats[3] = "%H:%M"
+    axes[3].xaxis.set_major_formatter(form)
+    first, last = (f"{time:%Y-%m-%d}" for time in (table.time.iloc[0], table.time.iloc[-1]))
+    axes[3].set_xlabel(f"GPS time, {first if first == last else f'{first} to {last}'}")
+    legend_below(figure, axes[:1], columns=4)
     return figure
 
 
-def faulted_windows(table: pd.DataFrame) -> list[tuple[float, float]]:
-    """First and last epoch of each run of faulted epochs."""
-    faulted = table.groupby("epoch").faulted.any()
-    epochs = faulted.index[faulted.to_numpy()].to_numpy()
-    runs = np.split(epochs, np.flatnonzero(np.diff(epochs) > 1) + 1) if epochs.size else []
-    return [(float(run[0]), float(run[-1])) for run in runs]
+def _levels(panel: Axes, vpl_m: pd.Series, val_m: float) -> None:
+    """The limit, and an axis on which every level is."""
+    largest_m = max(float(vpl_m.max()) if len(vpl_m) else 0.0, val_m)
+    if largest_m > _LINEAR_UP_TO * val_m:
+        panel.set_yscale("log")
+        panel.yaxis.set_major_formatter("{x:g}")
+        panel.set_ylim(top=1.3 * largest_m)
+    else:
+        panel.set_ylim(0.0, 1.12 * largest_m)
+    limit_line(panel, val_m, f"VAL {val_m:g} m")
+
+
+def _longest_step(table: pd.DataFrame) -> pd.Timedelta:
+    """Epochs further apart than this have others between them that are missing."""
+    steps = table.time.drop_duplicates().diff().dropna()
+    return pd.Timedelta(days=1) if steps.empty else _STEPS_WITHOUT_GAP * steps.median()
+
+
+def faulted_windows(table: pd.DataFrame) -> list[tuple[pd.Timestamp, pd.Timestamp]]:
+    """First and last time of each run of faulted epochs, with half a step on both sides."""
+    epochs = table.drop_duplicates("epoch").assign(faulted=table.groupby("epoch").faulted.any().to_numpy())
+    half = _longest_step(table) / (2 * _STEPS_WITHOUT_GAP)
+    runs = (epochs.faulted != epochs.faulted.shift()).cumsum()[epochs.faulted]
+    times = epochs.time[epochs.faulted].groupby(runs)
+    return [(run.iloc[0] - half, run.iloc[-1] + half) for _, run in times]

@@ -1,0 +1,68 @@
+"""The one file that speaks to the library of receiver files (sidereon): text in, its records out.
+
+To exchange the library, rewrite this file. Whatever the library meets in a text, a panic of its compiled code
+included, comes out as `Unreadable`.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from typing import Any
+
+# Its names of the systems that RINEX knows.
+SYSTEMS: Mapping[str, str] = {
+    "G": "GPS", "C": "BEIDOU", "E": "GALILEO", "J": "QZSS", "R": "GLONASS", "I": "NAVIC", "S": "SBAS",
+}  # fmt: skip
+
+# Of what the library says of a text, so much is passed on.
+_LONGEST_REASON = 160
+
+
+class Unreadable(Exception):
+    """What the library says of a text that it cannot read, within a sentence."""
+
+
+def without_hatanaka(text: str) -> str:
+    """The RINEX text that a Hatanaka-compressed one stands for."""
+    return str(_call("decode_crinex", text))
+
+
+def observations(text: str) -> Any:
+    """A ``RinexObs`` of RINEX text, versions 2, 3 and 4."""
+    return _call("parse_rinex_obs", text)
+
+
+def navigation(text: str) -> Any:
+    """A ``RinexNavParse`` of RINEX text, versions 2, 3 and 4; records that cannot be read are listed in it."""
+    return _call("parse_rinex_nav_lenient", text)
+
+
+def codes(header: Any, system: str) -> list[str]:
+    """Observation codes of a system letter in a header, column by column; of RINEX 2 by their names in RINEX 3."""
+    return list(header.declared_obs_codes(_system(system)))
+
+
+def policy(chosen: Mapping[str, Sequence[str]]) -> Any:
+    """What ``RinexObs.pseudoranges`` takes of each system letter: its codes, the first that a satellite has."""
+    import sidereon
+
+    return sidereon.SignalPolicy([(_system(letter), list(listed)) for letter, listed in chosen.items()])
+
+
+def _system(letter: str) -> Any:
+    import sidereon
+
+    return getattr(sidereon.GnssSystem, SYSTEMS[letter])
+
+
+def _call(name: str, text: str) -> Any:
+    import sidereon
+
+    try:
+        return getattr(sidereon, name)(text)
+    except (KeyboardInterrupt, SystemExit, MemoryError):
+        raise
+    except BaseException as error:
+        # A panic of compiled code is no `Exception`.
+        reason = " ".join(str(error).split()).removeprefix("parse error: ").rstrip(".")
+        raise Unreadable("".join(c if c.isprintable() else "?" for c in reason)[:_LONGEST_REASON]) from None
