@@ -28,7 +28,7 @@ from pl_mc.report.document import (
     write_document,
 )  # fmt: skip
 from pl_mc.report.figures import save_figure
-from pl_mc.report.findings import Findings, Picture
+from pl_mc.report.findings import Findings, Picture, convergence_note
 from pl_mc.report.run_folder import SUMMARY
 from pl_mc.report.text import markdown_table
 
@@ -64,8 +64,9 @@ def write_findings(
         shutil.copytree(rows, folder / name, ignore=shutil.ignore_patterns(".*"), dirs_exist_ok=True)
     for name, text in findings.texts.items():
         (folder / name).write_text(text, encoding="utf-8")
+    notes = (*findings.notes, *convergence_note(findings.tables))
     document = Document(
-        title=title, kind=kind, question=question, answer=answer, notes=findings.notes, val_m=val_m,
+        title=title, kind=kind, question=question, answer=answer, notes=notes, val_m=val_m,
         summary=tuple(Paragraph(block) if isinstance(block, str) else block for block in findings.summary),
         tables=tuple(TableEntry(table.name, table.chart) for table in findings.tables if table.stored != "parquet"),
         figures=tuple(_entry(picture, title) for picture in findings.pictures),
