@@ -1,4 +1,4 @@
-"""How many solutions IGG-III needs to settle, plain and accelerated, on the same draws: python benchmarks/convergence.py.
+"""How many solutions IGG-III needs to settle, plain and accelerated: python benchmarks/convergence.py [FOLDER].
 
 Epoch 545 of the simulated CUT0, no fault and every satellite faulted in turn. Each draw is followed to the 400th plain
 solution, from the start and from where a scheme ended; where the two limits differ the scheme left the basin of the
