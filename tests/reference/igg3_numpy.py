@@ -168,7 +168,7 @@ def igg3(
             )
             if length > SMALLEST:
                 ratio = np.clip(shared / length_before**2, 0, RATIO)
-                x = x + min(ratio / (1 - ratio), REACH / length) * step
+                x = x + min(length / SMALLEST - 1, 1) * min(ratio / (1 - ratio), REACH / length) * step
             states[-1] = x
         now = Solution(available=True, x=x, v=a @ x - observed, w=w)
 

@@ -252,7 +252,9 @@ def _extrapolated(
     ratio = jnp.clip(along / jnp.where(square_before > 0, square_before, 1.0), 0.0, AITKEN_RATIO)
     moves = square > AITKEN_STEP**2
     reach = AITKEN_REACH * jax.lax.rsqrt(jnp.where(moves, square, 1.0))
-    factor = jnp.where(moves, jnp.minimum(ratio / (1.0 - ratio), reach), 0.0)
+    # From no move at the smallest step to a whole one at twice that, without a jump, for the sake of gradients.
+    whole = jnp.clip(safe_sqrt(square) * (1.0 / AITKEN_STEP) - 1.0, 0.0, 1.0)
+    factor = jnp.where(moves, whole * jnp.minimum(ratio / (1.0 - ratio), reach), 0.0)
     shift = tuple(one + factor * step for one, step in zip(iterate.shift, last, strict=True))
     residuals = _residuals(model, start, shift)
     return replace(
