@@ -2,20 +2,25 @@
 
 from __future__ import annotations
 
+import functools
+
 import jax
 import numpy as np
 import pytest
 
 from pl_mc import kernels
 from pl_mc.benchmark.batched_numpy import both_methods
+from pl_mc.benchmark.problem import ROBUST
+
+ESTIMATORS = {"ls": kernels.ls, ROBUST.name: functools.partial(kernels.igg3, options=ROBUST.options)}
 
 
-@pytest.mark.parametrize(("name", "precision"), [("ls", "float64"), ("igg3", "float64"), ("igg3", "float32")])
+@pytest.mark.parametrize(("name", "precision"), [("ls", "float64"), (ROBUST.name, "float64"), (ROBUST.name, "float32")])
 def test_estimator(benchmark, g, errors_m, name, precision):
     expected = both_methods(g, errors_m)[name]
     with jax.enable_x64(precision == "float64"):
         arrays = [jax.device_put(a.astype(precision)) for a in (g.design, g.sigma_m, errors_m.T)]
-        estimator = getattr(kernels, name)
+        estimator = ESTIMATORS[name]
 
         @jax.jit
         def solve(design, sigma_m, observed_m):

@@ -7,6 +7,7 @@ import pytest
 
 import pl_mc
 from pl_mc.benchmark.batched_numpy import sweep_numpy
+from pl_mc.benchmark.problem import METHODS
 from pl_mc.engine.events import EVENTS
 from pl_mc.statistics.intervals import binomial_p_value
 
@@ -22,7 +23,8 @@ def require_plausible(alarms: np.ndarray, hazards: np.ndarray, exact) -> None:
 
 @pytest.mark.parametrize("precision", ["float64", "float32"])
 def test_sweep(benchmark, g, faults, precision):
-    table = benchmark(pl_mc.sweep, g, faults, draws=DRAWS, seed=1, precision=precision, workers=1, progress=False)
+    options = {"draws": DRAWS, "seed": 1, "methods": METHODS, "precision": precision, "workers": 1, "progress": False}
+    table = benchmark(pl_mc.sweep, g, faults, **options)
     benchmark.extra_info["scenarios"] = DRAWS * len(faults)
     ls = table[table.method == "ls"]
     assert len(table) == 2 * len(faults)

@@ -22,7 +22,7 @@ from pl_mc.benchmark.accuracy import Disagreement, disagreements, event_rates, o
 from pl_mc.benchmark.batched_numpy import NumpyModel, NumpyOutcome, both_methods, count_events, events_of
 from pl_mc.benchmark.limit import limits
 from pl_mc.benchmark.measure import Contestant, Rate, Ratio, measure
-from pl_mc.benchmark.problem import reference_errors_m, reference_faults, reference_geometry
+from pl_mc.benchmark.problem import METHODS, ROBUST, reference_errors_m, reference_faults, reference_geometry
 from pl_mc.benchmark.run import LIMIT, NUMPY, SWEEP, Sizes, _busy_share, _notes
 from pl_mc.benchmark.scaling import scaling_figure
 from pl_mc.engine.events import EVENTS
@@ -91,10 +91,11 @@ def test_batched_numpy_is_the_slow_reference(k0, k1):
         faulted = rng.random(errors.shape) < rng.uniform(0, 0.5, (60, 1))
         errors += faulted * rng.uniform(-200, 200, errors.shape)
         model, whitened = NumpyModel(g), errors / g.sigma_m
-        robust = functools.partial(igg3_numpy.igg3, weight=functools.partial(igg3_numpy.igg3_weight, k0=k0, k1=k1))
+        weight = functools.partial(igg3_numpy.igg3_weight, k0=k0, k1=k1)
+        robust = functools.partial(igg3_numpy.igg3, weight=weight, iterations=10)
         for found, solve in (
             (model.least_squares(whitened), igg3_numpy.least_squares),
-            (model.igg3(whitened, pl_mc.igg3(k0=k0, k1=k1)), robust),
+            (model.igg3(whitened, pl_mc.igg3(k0=k0, k1=k1, iterations=10)), robust),
         ):
             slow = [solve(g.design, g.sigma_m, row) for row in errors]
             available = np.array([one.available for one in slow])
@@ -113,10 +114,10 @@ def test_batched_numpy_counts_what_the_sweep_counts():
     """On the sweep's own noise, fault by fault and event by event."""
     g = reference_geometry()
     faults = reference_faults(g)
-    table = pl_mc.sweep(g, faults, draws=LANES, seed=4, workers=1, progress=False)
+    table = pl_mc.sweep(g, faults, draws=LANES, seed=4, methods=METHODS, workers=1, progress=False)
     noise = np.asarray(unit_noise(epoch_key(np.uint32(4), np.uint32(0)), np.int32(0), len(g.names), np.float64))
     counts = count_events(g, faults.bias_m, noise.T, pl_mc.LPV_200.vertical_m)
-    for k, method in enumerate(("ls", "igg3")):
+    for k, method in enumerate(("ls", ROBUST.name)):
         rows = table[table.method == method]
         np.testing.assert_array_equal(counts[:, k], rows[[event.count for event in EVENTS]].to_numpy())
     assert counts[:, 0, 0].max() == LANES  # every draw alarms at 100 m
@@ -183,8 +184,9 @@ def test_a_sweep_too_short_for_its_threads_is_told(calls, threads, share):
 
 
 def test_disagreements_count_each_event_that_differs():
-    single = NumpyOutcome(np.array([1.0, 40.0, 1.0, 9.0]), np.array([34.0, 36.0, 36.0, 8.0]), np.ones(4, bool))
-    double = NumpyOutcome(np.array([1.0, 40.0, 1.0, 9.0]), np.array([36.0, 36.0, 36.0, 10.0]), np.ones(4, bool))
+    sure = np.ones(4, bool), np.zeros(4, bool)
+    single = NumpyOutcome(np.array([1.0, 40.0, 1.0, 9.0]), np.array([34.0, 36.0, 36.0, 8.0]), *sure)
+    double = NumpyOutcome(np.array([1.0, 40.0, 1.0, 9.0]), np.array([36.0, 36.0, 36.0, 10.0]), *sure)
     found = {d.event: d for d in disagreements({"ls": single}, {"ls": double}, 35.0)}
     differing = {event: d.count for event, d in found.items() if d.count}
     assert differing == {"alarm": 1, "false_alarm": 1, "exceeded": 1, "misleading": 1}
@@ -198,6 +200,7 @@ def test_every_event_of_the_engine_is_told_in_its_order():
         np.array([0.0, 40.0, 40.0, 40.0, 20.0, 0.0, 0.0]),
         np.array([36.0, 36.0, 30.0, 30.0, 10.0, 10.0, 10.0]),
         np.array([True, True, True, False, True, True, False]),
+        np.array([False, False, False, False, False, True, False]),
     )
     names = [event.name for event in EVENTS]
     seen = [{n for n, flag in zip(names, column, strict=True) if flag} for column in events_of(outcome, 35.0).T]
@@ -207,7 +210,7 @@ def test_every_event_of_the_engine_is_told_in_its_order():
         {"hazard", "missed", "exceeded", "misleading"},
         {"alarm", "unavailable"},
         {"exceeded", "misleading"},
-        set(),
+        {"unconverged"},
         {"alarm", "unavailable"},
     ]
 
@@ -216,7 +219,7 @@ def test_rates_of_both_precisions_have_intervals_that_know_of_shared_noise():
     g = reference_geometry()
     table = pl_mc.sweep(g, reference_faults(g), draws=LANES, seed=4, workers=1, progress=False)
     rates = event_rates({"float64": table, "float32": table})
-    assert overlapping(rates) == (14, 14)
+    assert overlapping(rates) == (18, 18)
     assert all(rate.independent_draws == LANES and rate.draws == 20 * LANES for rate in rates)
     none = [rate for rate in rates if rate.count == 0]
     assert none
@@ -256,10 +259,10 @@ def test_a_benchmark_tells_rates_ratios_and_exactness(bench):
         # A few hundred roundings of numbers of at most 105 m.
         assert by_m < 300 * np.finfo(precision).eps * 105
     assert largest["pl_mc", "float32", "ls", "VPL"] > largest["pl_mc", "float64", "ls", "VPL"]
-    assert (LIMIT, "float64", "igg3", "VPL") in largest
+    assert (LIMIT, "float64", ROBUST.name, "VPL") in largest
     assert all(d.availability_differs == 0 and d.scenarios in (200, 16) for d in record.differences)
     assert {(d.method, d.event) for d in record.disagreements} == {
-        (method, event.name) for method in ("ls", "igg3") for event in EVENTS
+        (method, event.name) for method in ("ls", ROBUST.name) for event in EVENTS
     }
     for word in ("pl_mc.sweep", "batched NumPy", "hand-written kernel", "first call [s]", "float32", "load average"):
         assert word in text
@@ -321,7 +324,7 @@ def test_a_program_says_its_precision_by_its_output(tmp_path, dtype):
         folder = one.folder
     assert not folder.exists()
     bound = 300 * np.finfo(dtype).eps * np.abs(errors).max()
-    np.testing.assert_allclose(one.vpl_m, both_methods(g, errors)["igg3"].vpl_m, rtol=0, atol=bound)
+    np.testing.assert_allclose(one.vpl_m, both_methods(g, errors)[ROBUST.name].vpl_m, rtol=0, atol=bound)
 
 
 @pytest.mark.parametrize("printed", ["", "nan", "-3", "fast"])

@@ -94,6 +94,8 @@ def counted(outcomes, limit: float) -> dict[str, int]:
         total["exceeded"] += error > found.vpl_m
         total["misleading"] += error > found.vpl_m and not alarm
         total["false_alarms"] += alarm and not error > limit
+        total["unconverged"] += found.change_m > 0.01
+        total["tied"] += found.tied
     return total
 
 
@@ -142,7 +144,7 @@ def test_single_draws_are_those_that_are_counted():
     table = pl_mc.sweep(g, faults, draws=draws, seed=seed, methods=methods, by_epoch=True, progress=False)
     assert list(single.columns) == [
         "epoch", "fault", "bias_m", "method", "draw",
-        "east_m", "north_m", "up_m", "hpl_m", "vpl_m", "available", "alarm",
+        "east_m", "north_m", "up_m", "hpl_m", "vpl_m", "available", "alarm", "unconverged", "tied",
     ]  # fmt: skip
     up, alarm, level = single["up_m"].abs(), single["alarm"], single["vpl_m"]
     single = single.assign(
@@ -177,7 +179,7 @@ def test_the_errors_of_a_receiver_are_solved_epoch_by_epoch():
     table = pl_mc.solve(g, errors)
     assert list(table.columns) == [
         "epoch", "time_gps_s", "method", "satellites",
-        "east_m", "north_m", "up_m", "hpl_m", "vpl_m", "available", "alarm",
+        "east_m", "north_m", "up_m", "hpl_m", "vpl_m", "available", "alarm", "unconverged", "tied",
     ]  # fmt: skip
     assert list(table["method"]) == ["ls", "igg3"] * 3
     for epoch in range(3):

@@ -38,8 +38,28 @@ def table(series):
 
 def test_columns(table):
     expected = ["epoch", "method", "fault", "bias_m", "draws"]
-    expected += ["alarms", "hazards", "missed", "exceeded", "misleading", "false_alarms", "unavailable"]
-    for name in ("alarm", "hazard", "missed", "exceeded", "misleading", "false_alarm", "unavailable"):
+    expected += [
+        "alarms",
+        "hazards",
+        "missed",
+        "exceeded",
+        "misleading",
+        "false_alarms",
+        "unavailable",
+        "unconverged",
+        "tied",
+    ]
+    for name in (
+        "alarm",
+        "hazard",
+        "missed",
+        "exceeded",
+        "misleading",
+        "false_alarm",
+        "unavailable",
+        "unconverged",
+        "tied",
+    ):
         expected += [f"{name}_rate", f"{name}_low", f"{name}_high"]
     assert list(table.columns) == expected
     assert all(table[count].dtype == np.int64 for count in [*COUNTS, "draws"])

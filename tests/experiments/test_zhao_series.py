@@ -34,6 +34,7 @@ SMALL: dict[str, Any] = {
 }
 COLUMNS = [
     "epoch", "time", "method", "satellites", "east_m", "north_m", "up_m", "hpl_m", "vpl_m", "available", "alarm",
+    "unconverged", "tied",
     "faulted",
 ]  # fmt: skip
 

@@ -103,7 +103,7 @@ HEALTH = r"^     2\.0{12}e\+00 0\.0{12}e\+00-9\.3"
         ("track, geodetic", lambda t: t.replace("60.125", "6_0.125", 1), "'6_0.125' is not a finite number"),
         # Experiments.
         ("experiment, service", lambda t: t.replace("600.0", "inf"), "duration_s: a finite number is needed"),
-        ("experiment, service", lambda t: t.replace("600.0", "1e308"), "step_s: .* at most 20,000 are possible"),
+        ("experiment, service", lambda t: t.replace("600.0", "1e308"), "duration_s: a number of at most"),
         ("experiment, service", lambda t: t.replace("300.0", "1e-320"), "step_s: .* at most 20,000 are possible"),
         ("experiment, service", lambda t: t.replace("title", "Ftitle"), "Ftitle: there is no such field .*title"),
         ("experiment, sweep", lambda t: t.replace("k1 = 3.0", "k1 = nan"), "methods.1.k1: a finite number"),
@@ -214,7 +214,7 @@ ROWS: dict[str, Any] = {
         (lambda: pl_mc.simulate(epochs=10**30), "epochs: .* too many for one series"),
         (lambda: pl_mc.simulate(interval_s=1e308), "interval_s: .* at most"),
         (lambda: pl_mc.simulate(interval_s=10**400), "interval_s: a finite number is needed"),
-        (lambda: pl_mc.simulate(start=np.ones((2, 2))), r"start: a date is needed.* not array\(\[\[1., 1.\], \["),
+        (lambda: pl_mc.simulate(start=np.ones((2, 2))), r"start: array\(\[\[1., 1.\], .* is not a date"),
         (lambda: pl_mc.Geometry.from_rows(**ROWS | {"names": object()}), "names: a sequence of names"),
         (lambda: pl_mc.Geometry.from_rows(**ROWS | {"clocks": 5e-324}), "clocks: a sequence of names"),
         (lambda: pl_mc.Geometry.from_rows(**ROWS, epoch=np.nan), "epoch: 2 different whole numbers"),

@@ -71,6 +71,26 @@ def test_walker_pattern(name, orbit):
     np.testing.assert_allclose((argument[1:] - argument[:-1]) % 360, 15)
 
 
+def test_geostationary_beidou_satellites_have_the_names_of_the_real_ones():
+    """Navipedia, "BeiDou Space Segment" and the IGS tables: longitudes by number."""
+    real = {
+        "C01": 140.0,
+        "C02": 80.0,
+        "C03": 110.5,
+        "C04": 160.0,
+        "C05": 58.75,
+        "C59": 140.0,
+        "C60": 80.0,
+        "C61": 110.5,
+    }
+    slots = {slot.name: slot for slot in constellation_slots(("BDS-2", "BDS-3"))}
+    for name, longitude in real.items():
+        slot = slots[name]
+        assert slot.orbit == "BDS-GEO"
+        at = np.degrees(slot.raan_rad + slot.argument_of_latitude_rad - slot.reference_sidereal_rad) % 360
+        assert at == pytest.approx(longitude)
+
+
 def test_a_single_constellation_and_satellite_may_stand_alone():
     assert len(constellation_slots("GPS", "G05")) == 23
 

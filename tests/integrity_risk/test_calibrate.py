@@ -22,7 +22,7 @@ from pl_mc.integrity_risk.k_factor import from_curve
 from pl_mc.integrity_risk.k_factor.calibrate import calibrate
 from pl_mc.integrity_risk.k_factor.calibrated import fewest_draws, order_bounds
 from pl_mc.integrity_risk.k_factor.error_to_level_ratio import RatioState, ratio_state
-from pl_mc.integrity_risk.k_factor.from_curve import ExceedanceCurve, exceedance_curve
+from pl_mc.integrity_risk.k_factor.from_curve import ExceedanceCurve, exceedance_curve, holding_both
 from pl_mc.integrity_risk.k_factor.worst_fault import neediest_fault
 from pl_mc.integrity_risk.rare.importance import ImportanceRun
 from pl_mc.kernels import linear_model, start_from
@@ -353,6 +353,21 @@ def test_k_factor_from_a_curve_and_its_check() -> None:
     assert np.interp(row["k_vertical"], drawn["k_vertical"], np.log(drawn["probability"])) == pytest.approx(
         np.log(1e-6), abs=1e-2
     )
+
+
+def test_one_interval_holds_what_both_estimators_ask_for() -> None:
+    """A curve like K^-7 that is 1e-7 at 24.02, and importance sampling that finds 7.6e-8 there, each to 2 %."""
+    k = np.geomspace(20.0, 30.0, 200)
+    probability = 1e-7 * (k / 24.02) ** -7.0
+    curve = ExceedanceCurve(k, probability, 0.02 * probability, populations=10, evaluations=1)
+    run = ImportanceRun(7.6e-8, 1.5e-9, 1e3, 1e3, 1e-3, 1)
+    own = curve.k_factor(1e-7, 0.95)
+    low, high = holding_both(curve, run, own[1:], target=1e-7, confidence=0.95)
+    asked = 24.02 * 0.76 ** (1 / 7)
+    assert asked < own[1]
+    assert low < asked < own[0] < high == own[2]
+    # The lower bound is that of importance sampling: 1.65 standard errors of 2 % below.
+    assert low == pytest.approx(24.02 * (0.76 * np.exp(-1.646 * 1.5 / 76)) ** (1 / 7), rel=1e-4)
 
 
 def test_two_estimates_that_disagree_give_no_number(monkeypatch: pytest.MonkeyPatch) -> None:

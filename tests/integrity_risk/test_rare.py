@@ -23,6 +23,7 @@ pytestmark = pytest.mark.counting
 COLUMNS = [
     "fault", "bias_m", "method", "event", "probability", "standard_error", "low", "high", "ess", "evaluations",
     "estimator", "subset_probability", "subset_standard_error", "subset_evaluations", "warning",
+    "unconverged_rate", "unconverged_low", "unconverged_high",
 ]  # fmt: skip
 # 4.9 standard errors: 1e-6, two-sided.
 DEVIATION = 4.9
@@ -57,23 +58,59 @@ def test_least_squares_has_its_exact_risk(noise: float, satellite: str, bias_m: 
 
 
 @pytest.mark.parametrize(
-    ("scale", "event", "bias_m"), [("posterior_floored", "misleading", 7.5), ("apriori", "missed", 5.0)]
+    ("scale", "event", "bias_m", "seed", "counts"),
+    [("posterior_floored", "misleading", 7.5, 40, (4, 2)), ("apriori", "missed", 7.0, 43, (4, 3))],
 )
-def test_the_robust_estimate_has_the_risk_that_is_counted(scale: str, event: str, bias_m: float) -> None:
-    g, method = random_geometry(np.random.default_rng(40), counts=(4, 2)), Igg3(scale=scale)
+def test_the_robust_estimate_has_the_risk_that_is_counted(
+    scale: str, event: str, bias_m: float, seed: int, counts: tuple[int, ...]
+) -> None:
+    g, method = random_geometry(np.random.default_rng(seed), counts=counts), Igg3(scale=scale)
     faults = pl_mc.biases(g, {g.names[1]: bias_m})
     row = risk(g, faults, seed=2, event=event, method=method, max_evaluations=3_000_000, progress=False).iloc[0]
     draws = 600_000
-    counts = pl_mc.sweep(g, faults, draws=draws, seed=3, methods=(method,), progress=False)[event][0]
+    found = pl_mc.sweep(g, faults, draws=draws, seed=3, methods=(method,), progress=False)
+    count = found[event][0]
     assert row["estimator"] == "importance"
-    assert counts > 8
-    least, most = clopper_pearson(counts, draws, 1.0 - 1e-6)
+    assert row["unconverged_low"] <= found["unconverged_high"][0]
+    assert row["unconverged_high"] >= found["unconverged_low"][0]
+    assert count > 8
+    least, most = clopper_pearson(count, draws, 1.0 - 1e-6)
     assert row["low"] < most
     assert row["high"] > least
     if scale == "posterior_floored":
         assert row["warning"] == ""
-        error = np.hypot(row["standard_error"], np.sqrt(counts) / draws)
-        assert abs(row["probability"] - counts / draws) < DEVIATION * error
+        error = np.hypot(row["standard_error"], np.sqrt(count) / draws)
+        assert abs(row["probability"] - count / draws) < DEVIATION * error
+
+
+@pytest.mark.parametrize(("bias_m", "most"), [(12.0, 1_000_000), (14.0, 500_000)])
+def test_a_small_budget_is_spent_on_searching(bias_m: float, most: int) -> None:
+    """Between 5e-9 and 3e-7, where plain draws tell nothing."""
+    g = pl_mc.simulate(site="CUT0", start="2017-11-21T00:00:00", constellations=("GPS", "BDS-2"), epochs=546)[545]
+    faults = pl_mc.biases(g, {"G09": bias_m})
+    row = risk(g, faults, seed=7, event="misleading", method="ls", max_evaluations=most, progress=False).iloc[0]
+    exact = pl_mc.exact.ls_rates(g, faults)["misleading_rate"][0]
+    assert row["estimator"] == "importance"
+    assert abs(row["probability"] - exact) < DEVIATION * row["standard_error"]
+    assert row["evaluations"] + row["subset_evaluations"] <= most
+
+
+def test_a_budget_that_reached_nothing_says_which_one_would() -> None:
+    g = pl_mc.simulate(site="CUT0", start="2017-11-21T00:00:00", constellations=("GPS", "BDS-2"), epochs=546)[545]
+    faults = pl_mc.biases(g, {"G01": 16.0})
+    row = risk(g, faults, seed=7, event="misleading", method="ls", max_evaluations=500_000, progress=False).iloc[0]
+    assert np.isnan(row["probability"])
+    assert "max_evaluations of 4,000,000, say" in row["warning"]
+
+
+def test_estimates_that_a_test_tells_apart_make_one_interval() -> None:
+    found = ImportanceRun(1e-7, 1e-9, 1e4, 1e4, 1e-3, 100_000)
+    near, apart, far = (SubsetRun(p, 1e-9, 40, 100_000) for p in (1.01e-7, 1.035e-7, 1.2e-7))
+    rows = [judge(found, check, evaluations=1, target_cov=0.1) for check in (near, apart, far)]
+    assert [row.warning == "" for row in rows] == [True, True, False]
+    assert [bool(np.isnan(row.probability)) for row in rows] == [False, False, True]
+    assert rows[0].high < 1.03e-7 < 1.035e-7 < rows[1].high
+    assert rows[1].low < 1e-7
 
 
 def test_what_is_common_is_counted(few: pl_mc.Geometry) -> None:

@@ -23,7 +23,9 @@ TOLERANCE = 1e-10
 ROWS, CLOCKS = 24, 3
 OPTIONS = {
     "posterior_floored": {},
-    "posterior": {"scale": "posterior"},
+    "ten plain iterations": {"iterations": 10},
+    "twenty of which two are moved on": {"iterations": 20, "acceleration": "aitken"},
+    "posterior": {"scale": "posterior", "iterations": 10},
     "mad_floored": {"scale": "mad_floored"},
     "cofactor reweighted": {"cofactor": "reweighted"},
     "cofactor none, mad": {"cofactor": "none", "scale": "mad"},

@@ -133,7 +133,7 @@ class Scaled:
         return ()
 
     def solve(self, model: LinearModel, prepared: Any, start: LeastSquaresSolution) -> Outcome:
-        return Igg3(k_vertical=self.k).solve(model, prepared, start)
+        return Igg3(k_vertical=self.k, iterations=10).solve(model, prepared, start)
 
 
 @dataclass(frozen=True)
@@ -192,7 +192,7 @@ def test_an_own_exact_law_is_exact_everywhere() -> None:
 
 def test_an_own_level_that_scales_with_k_is_calibrated_by_its_field() -> None:
     g = appendix_d()
-    own, built_in = (pl_mc.calibrate(g, method=one, target=1e-2, draws=3000) for one in (Scaled(), "igg3"))
+    own, built_in = (pl_mc.calibrate(g, method=one, target=1e-2, draws=3000) for one in (Scaled(), Igg3(iterations=10)))
     assert_equal_but_for_the_name(own, built_in)
 
 
@@ -208,7 +208,7 @@ class Summed:
 
 def test_own_statistics_and_levels_find_a_ramp_as_the_built_in_ones_do() -> None:
     g = pl_mc.simulate(site="CUT0", start="2017-11-21T00:00:00", epochs=21, interval_s=10.0)
-    methods = (Summed(), Checked(), Slope(p_fa=1e-3), Scaled(), SUMMED, Igg3())
+    methods = (Summed(), Checked(), Slope(p_fa=1e-3), Scaled(), SUMMED, Igg3(iterations=10))
     table = pl_mc.time_to_alert(
         g, g[0].names[0], [2.0], methods, draws=64, calibration_draws=200, p_fa=0.05, onset_s=50.0, progress=False
     )

@@ -9,7 +9,10 @@ Conventions that the paper leaves open:
 * the scale of a standardised residual, its cofactor and the divisor of the unit-weight error are the arguments
   ``scale``, ``cofactor`` and ``redundancy``;
 * the iteration starts from least squares, or (``start="huber"``) from five more solutions with Huber's weights;
+* unless ``iterations`` is given, or with ``acceleration`` ``aitken``, some iterates are moved on along their last
+  step;
 * no weight factor falls below ``weight_floor``, which is zero unless given;
+* satellites whose fault-free residuals are correlated by 1 or -1 have one weight, where they are standardised alike;
 * a satellite whose redundancy number is below 1e-10 keeps its weight;
 * a solution is undetermined with fewer than t + 1 satellites of positive weight, or if a Cholesky pivot is below
   1e-10 of the same pivot of the fault-free normal matrix; a scenario is, if one of its solutions is.
@@ -23,7 +26,11 @@ from dataclasses import dataclass
 import numpy as np
 
 K_V, K_H = 5.33, 6.18
-ITERATIONS, K0, K1 = 10, 1.5, 5.0
+K0, K1 = 1.5, 5.0
+
+# Solutions of the default; those after which it is moved on, the largest ratio, the
+# farthest of such a move and the smallest step that is followed, in the metric of fitted ranges over their sigma.
+ITERATIONS, FROM, EVERY, RATIO, REACH, SMALLEST = 36, 15, 3, 0.95, 0.25, 1e-6
 
 
 @dataclass
@@ -36,6 +43,8 @@ class Solution:
     w: np.ndarray | None = None  # (n,), weight factors of the satellites in view
     m: float = np.inf  # unit-weight error, eqs 16 and 17
     q: np.ndarray | None = None  # (3,), diagonal of the cofactor matrix for east, north, up [m^2]
+    change_m: float = 0.0  # largest change of a position component in the last iteration [m]
+    tied: bool = False  # whether satellites that no residual tells apart weigh less than one
 
     @property
     def vpl_m(self) -> float:
@@ -95,7 +104,8 @@ def igg3(
     in_view=None,
     *,
     weight: Callable[[float], float] = igg3_weight,
-    iterations: int = ITERATIONS,
+    iterations: int | None = None,
+    acceleration: str | None = None,
     scale: str = "posterior_floored",
     cofactor: str = "fault_free",
     redundancy: str = "all",
@@ -115,6 +125,16 @@ def igg3(
     fault_free_r = np.diag(np.eye(n) - a @ np.linalg.inv(fault_free_normal) @ a.T @ p)
     checked = fault_free_r >= 1e-10
 
+    standard = np.sqrt(np.where(checked, fault_free_r, 1.0)) * sigma
+    covariance = np.diag(sigma**2) - a @ np.linalg.inv(fault_free_normal) @ a.T
+    twins = (covariance / np.outer(standard, standard)) ** 2 > 1 - 1e-9
+    twins = (twins & np.outer(checked, checked)) | np.eye(n, dtype=bool)
+    if cofactor != "fault_free":
+        twins &= np.abs(fault_free_r[:, None] - fault_free_r[None]) < 1e-9
+
+    accelerated = acceleration == "aitken" if acceleration else iterations is None
+    states, number = [now.x], -{"ls": 0, "huber": 5}[start]
+    iterations = iterations or ITERATIONS
     for one_weight in [huber_weight] * {"ls": 0, "huber": 5}[start] + [weight] * iterations:
         if cofactor == "none":
             sigma_v, standardised = sigma, np.ones(n, dtype=bool)
@@ -129,12 +149,27 @@ def igg3(
         u = np.where(standardised, np.abs(now.v) / sigma_v, 0.0)
         u = u / the_scale(scale, now, p, n - t, u[standardised])
         w = np.array([max(one_weight(value), weight_floor) for value in u])
+        # Satellites that no residual tells apart weigh the same; so they do but for rounding, which would decide.
+        w = np.array([np.mean(w[same]) for same in twins])
 
         p_bar = p @ np.diag(w)
         normal = a.T @ p_bar @ a
         if np.sum(w > 0) < t + 1 or not pivots_suffice(normal, fault_free_pivots):
             return Solution(available=False)
         x = np.linalg.solve(normal, a.T @ p_bar @ observed)
+        number += 1
+        step, step_before = x - states[-1], states[-1] - (states[-2] if len(states) > 1 else states[-1])
+        states.append(x)
+        if accelerated and FROM <= number < iterations and (number - FROM) % EVERY == 0:
+            # Aitken: along the last step to where steps would lead that shrink as the last two did.
+            shared, length, length_before = (
+                step @ fault_free_normal @ step_before,
+                *(np.sqrt(one @ fault_free_normal @ one) for one in (step, step_before)),
+            )
+            if length > SMALLEST:
+                ratio = np.clip(shared / length_before**2, 0, RATIO)
+                x = x + min(length / SMALLEST - 1, 1) * min(ratio / (1 - ratio), REACH / length) * step
+            states[-1] = x
         now = Solution(available=True, x=x, v=a @ x - observed, w=w)
 
     dof = {"all": n, "kept": np.sum(now.w > 0), "weights": np.sum(now.w)}[redundancy] - t
@@ -142,6 +177,8 @@ def igg3(
         return Solution(available=False)
     p_bar = p @ np.diag(now.w)
     now.m = np.sqrt(now.v @ p_bar @ now.v / dof)
+    now.change_m = np.abs(states[-1] - states[-2])[:3].max()
+    now.tied = bool(np.any((twins.sum(axis=1) > 1) & (now.w < 1)))
     now.q = np.diag(np.linalg.inv(a.T @ p_bar @ a))[:3]
     return now
 

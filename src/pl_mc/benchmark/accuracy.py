@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 import pl_mc
 from pl_mc.alert import LPV_200
 from pl_mc.benchmark.batched_numpy import NumpyOutcome, events_of
+from pl_mc.benchmark.problem import METHODS
 from pl_mc.engine.events import EVENTS
 from pl_mc.geometry.record import Geometry
 from pl_mc.statistics.intervals import clopper_pearson, shared_noise_bounds
@@ -77,9 +78,14 @@ def solved(g: Geometry, errors_m: NDArray[np.float64], precision: str) -> dict[s
         design=np.repeat(g.design[None], many, axis=0), sigma_m=np.repeat(g.sigma_m[None], many, axis=0),
         in_view=np.ones(errors_m.shape, dtype=bool), names=g.names, systems=g.systems, clocks=g.clocks,
     )  # fmt: skip
-    table = pl_mc.solve(series, errors_m, precision=precision)
+    table = pl_mc.solve(series, errors_m, methods=METHODS, precision=precision)
     return {
-        str(name): NumpyOutcome(rows.up_m.to_numpy(float), rows.vpl_m.to_numpy(float), rows.available.to_numpy(bool))
+        str(name): NumpyOutcome(
+            rows.up_m.to_numpy(float),
+            rows.vpl_m.to_numpy(float),
+            rows.available.to_numpy(bool),
+            rows.unconverged.to_numpy(bool),
+        )
         for name, rows in table.groupby("method", sort=False)
     }
 

@@ -12,8 +12,9 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from pl_mc.benchmark.problem import ROBUST
 from pl_mc.constants import K_VERTICAL
-from pl_mc.engine.events import EVENTS
+from pl_mc.engine.events import EVENTS, SETTLED_M
 from pl_mc.geometry.record import UP, Geometry
 from pl_mc.kernels.linear_model import REDUNDANCY_FLOOR
 from pl_mc.kernels.small_matrix import PIVOT_FLOOR
@@ -34,11 +35,13 @@ class NumpyOutcome:
         vertical_error_m: (s,), up error of the position [m].
         vpl_m: (s,), vertical protection level [m].
         available: (s,), whether the solution is determined; where not, the numbers mean nothing.
+        unconverged: (s,), whether the last iteration moved the position by more than a centimetre.
     """
 
     vertical_error_m: Numbers
     vpl_m: Numbers
     available: Flags
+    unconverged: Flags
 
 
 class NumpyModel:
@@ -63,30 +66,33 @@ class NumpyModel:
         residuals = whitened - state @ self.design.T
         unit_error = np.sqrt(np.einsum("sn,sn->s", residuals, residuals) / self.dof)
         vpl_m = K_VERTICAL * np.sqrt(self.cofactor[UP, UP]) * unit_error
-        return NumpyOutcome(state[:, UP], vpl_m, available=np.ones(len(whitened), dtype=bool))
+        sure = np.ones(len(whitened), dtype=bool)
+        return NumpyOutcome(state[:, UP], vpl_m, available=sure, unconverged=~sure)
 
     def igg3(self, whitened: Numbers, options: Igg3) -> NumpyOutcome:
         """Eqs 6, 7, 17 and 19, with the cofactor, scale and redundancy that are the defaults of ``options``."""
         t = self.design.shape[1]
         checked = self.redundancy >= REDUNDANCY_FLOOR
         per_residual = np.where(checked, 1.0 / np.sqrt(np.where(checked, self.redundancy, 1.0)), 0.0)
-        residuals = whitened - (whitened @ self.gain.T) @ self.design.T
+        state = whitened @ self.gain.T
+        residuals = whitened - state @ self.design.T
         square_sum = np.einsum("sn,sn->s", residuals, residuals)
         available = np.ones(len(whitened), dtype=bool)
-        for _ in range(options.iterations):
+        for _ in range(options.options.solutions):
             scale = np.maximum(1.0, np.sqrt(square_sum / self.dof))
             size = np.maximum(np.abs(residuals) * per_residual / scale[:, None], options.k0)
             fall = np.maximum(options.k1 - size, 0.0) / (options.k1 - options.k0)
             weights = options.k0 / size * fall * fall
             normal = (weights @ self.products).reshape(-1, t, t)
             self._mark_undetermined(weights, normal, available)
-            state = np.linalg.solve(normal, ((weights * whitened) @ self.design)[:, :, None])[:, :, 0]
+            before, state = state, np.linalg.solve(normal, ((weights * whitened) @ self.design)[:, :, None])[:, :, 0]
             residuals = whitened - state @ self.design.T
             square_sum = np.einsum("sn,sn->s", weights * residuals, residuals)
         unit = np.broadcast_to(np.eye(t)[UP][:, None], (len(whitened), t, 1))
         cofactor = np.linalg.solve(normal, unit)[:, UP, 0]
         vpl_m = options.k_vertical * np.sqrt(square_sum / self.dof * cofactor)
-        return NumpyOutcome(state[:, UP], vpl_m, available)
+        unconverged = available & (np.abs(state - before)[:, : UP + 1].max(axis=1) > SETTLED_M)
+        return NumpyOutcome(state[:, UP], vpl_m, available, unconverged)
 
     def _mark_undetermined(self, weights: Numbers, normal: Numbers, available: Flags) -> None:
         """Where a solution is not determined, clear ``available`` and put a regular matrix into ``normal``.
@@ -122,13 +128,13 @@ class NumpyModel:
 
 def both_methods(g: Geometry, errors_m: Numbers, *, batch: int = BATCH) -> dict[str, NumpyOutcome]:
     """Outcomes of ``ls`` and ``igg3`` for given pseudorange errors (s, n) [m]."""
-    model, options = NumpyModel(g), Igg3()
+    model, options = NumpyModel(g), ROBUST
     found: dict[str, list[NumpyOutcome]] = {"ls": [], options.name: []}
     for first in range(0, len(errors_m), batch):
         whitened = errors_m[first : first + batch] * model.weight_root
         found["ls"].append(model.least_squares(whitened))
         found[options.name].append(model.igg3(whitened, options))
-    fields = ("vertical_error_m", "vpl_m", "available")
+    fields = ("vertical_error_m", "vpl_m", "available", "unconverged")
     return {
         name: NumpyOutcome(*(np.concatenate([getattr(part, field) for part in parts]) for field in fields))
         for name, parts in found.items()
@@ -142,9 +148,13 @@ def events_of(outcome: NumpyOutcome, vertical_m: float) -> Flags:
     alarm = ~available | (outcome.vpl_m > vertical_m)
     hazard = available & (error > vertical_m)
     exceeded = available & (error > outcome.vpl_m)
+    quiet = ~alarm
     return np.stack(
-        [alarm, hazard, hazard & ~alarm, exceeded, exceeded & ~alarm, available & alarm & ~hazard, ~available]
-    )
+        [
+            alarm, hazard, hazard & quiet, exceeded, exceeded & quiet, available & alarm & ~hazard, ~available,
+            outcome.unconverged, np.zeros_like(available),
+        ]
+    )  # fmt: skip
 
 
 def count_events(
@@ -155,7 +165,7 @@ def count_events(
     ``g``: one epoch, all satellites in view; ``bias_m``: (f, n) [m]; ``noise``: (draws, n), in units of each
     satellite's sigma, the same for every bias; ``vertical_m``: vertical alert limit [m].
     """
-    model, options = NumpyModel(g), Igg3()
+    model, options = NumpyModel(g), ROBUST
     total = np.zeros((len(bias_m), 2, len(EVENTS)), dtype=np.int64)
     for first in range(0, len(noise), batch):
         some = noise[first : first + batch]

@@ -21,9 +21,9 @@ from pathlib import Path
 import numpy as np
 
 from pl_mc.benchmark.batched_numpy import Numbers, NumpyModel
+from pl_mc.benchmark.problem import ROBUST
 from pl_mc.geometry.record import UP, Geometry
 from pl_mc.input_errors import InputError
-from pl_mc.methods import Igg3
 
 SOURCES = (".cpp", ".cc", ".cxx")
 FLAGS = ("-O3", "-march=native", "-ffast-math")
@@ -95,7 +95,7 @@ def _compile(source: Path, folder: Path, precision: str) -> Path:
 
 def _write_input(folder: Path, g: Geometry, errors_m: Numbers) -> None:
     n, t = g.design.shape
-    options = Igg3()
+    options = ROBUST
     residual_sigma = g.sigma_m * np.sqrt(NumpyModel(g).redundancy)
     head = [n, t, len(errors_m), options.iterations, options.k0, options.k1, options.k_vertical, UP]
     parts = [np.array(head), g.design.ravel(), g.sigma_m**-2, residual_sigma, errors_m.T.ravel()]

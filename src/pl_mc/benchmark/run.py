@@ -9,6 +9,7 @@ import math
 import time
 import warnings
 from collections.abc import Sequence
+from dataclasses import replace
 from functools import partial
 from pathlib import Path
 from typing import Any
@@ -137,8 +138,8 @@ def _sweeps(
     def sweep(precision: str, workers: int, devices: int, scenarios: int) -> float:
         start = time.perf_counter()
         tables[precision] = pl_mc.sweep(
-            g, faults, draws=scenarios // width, seed=SEED, precision=precision, workers=workers, devices=devices,
-            progress=False,
+            g, faults, draws=scenarios // width, seed=SEED, methods=problem.METHODS, precision=precision,
+            workers=workers, devices=devices, progress=False,
         )  # fmt: skip
         return time.perf_counter() - start
 
@@ -174,7 +175,7 @@ def _rlm(g: Geometry) -> list[Contestant]:
     design = g.design * root[:, None]
     whitened = problem.reference_errors_m(g, 1000, seed=SEED) * root
     norm = sm.robust.norms.TukeyBiweight()
-    iterations = pl_mc.igg3().iterations
+    iterations = problem.ROBUST.iterations
 
     def fits(count: int) -> None:
         with warnings.catch_warnings():
@@ -201,12 +202,12 @@ def _limit_differences(
     found: Sequence[tuple[str, Numbers]], reference: dict[str, NumpyOutcome]
 ) -> list[accuracy.Difference]:
     """Its protection levels against those of NumPy: whether it did the same work."""
-    name = pl_mc.igg3().name
+    name = problem.ROBUST.name
     expected = reference[name]
     rows = []
     for precision, vpl_m in found:
         # It does not tell where there is no solution.
-        outcome = NumpyOutcome(expected.vertical_error_m, vpl_m, expected.available & np.isfinite(vpl_m))
+        outcome = replace(expected, vpl_m=vpl_m, available=expected.available & np.isfinite(vpl_m))
         made = accuracy.differences(LIMIT, precision, {name: outcome}, {name: expected})
         rows += [row for row in made if row.quantity == "VPL"]
     return rows

@@ -33,13 +33,13 @@ def main(arguments: list[str]) -> None:
     """Sweep ``draws`` draws of the reference problem in a precision with some threads."""
     draws, precision, workers = int(arguments[0]), arguments[1], int(arguments[2])
     import pl_mc
-    from pl_mc.benchmark.problem import reference_faults, reference_geometry
+    from pl_mc.benchmark.problem import METHODS, reference_faults, reference_geometry
 
     g = reference_geometry()
     faults = reference_faults(g)
     start = time.perf_counter()
     table = pl_mc.sweep(
-        g, faults, draws=draws, seed=1, precision=precision, workers=workers or None, progress=False
+        g, faults, draws=draws, seed=1, methods=METHODS, precision=precision, workers=workers or None, progress=False
     )  # fmt: skip
     seconds = time.perf_counter() - start
     scenarios, alarms = draws * len(faults), int(table.alarms.sum())

@@ -147,6 +147,7 @@ def each_fault(
     bias_state = product(bias, model.gain.T)
     bias_residuals = bias - product(bias_state, model.design.T)
     cross = product(bias_residuals, noise_residuals)
+    noise_residuals, bias_residuals = model.twins.alike(noise_residuals), model.twins.alike(bias_residuals.T).T
 
     def one_fault(parts: tuple[Array, Array, Array, Array, Array]) -> Result:
         applies, bias_m, state, residuals, cross_sum = parts

@@ -13,6 +13,9 @@ from jax import Array
 from pl_mc.geometry.record import UP
 from pl_mc.methods.base import Outcome
 
+# A larger last step of a position component, and the iteration has not settled [m].
+SETTLED_M = 0.01
+
 
 @dataclass(frozen=True)
 class Event:
@@ -31,12 +34,25 @@ EVENTS = (
     Event("misleading", "misleading", "exceeded and no alarm"),
     Event("false_alarm", "false_alarms", "available, alarm, and no hazard"),
     Event("unavailable", "unavailable", "no determined solution; counts as an alarm and as nothing else"),
+    Event("unconverged", "unconverged", "available, and the last iteration moved the position by more than 1 cm"),
+    Event("tied", "tied", "available, and satellites that no residual tells apart share a weight below one"),
 )
 
 
 def alarms(outcome: Outcome, vertical_m: Array | float) -> Array:
     """(...), whether each scenario alarms."""
     return ~outcome.available | outcome.rejects | (outcome.vpl_m > vertical_m)
+
+
+def unconverged(outcome: Outcome) -> Array:
+    """(...), whether the last iteration still moved the position by more than `SETTLED_M`."""
+    none = jnp.zeros_like(outcome.available)
+    return none if outcome.change_m is None else outcome.available & (outcome.change_m > SETTLED_M)
+
+
+def tied(outcome: Outcome) -> Array:
+    """(...), whether satellites that no residual tells apart share a weight below one."""
+    return jnp.zeros_like(outcome.available) if outcome.tied is None else outcome.available & outcome.tied
 
 
 def events(outcome: Outcome, vertical_m: Array | float) -> Array:
@@ -54,5 +70,7 @@ def events(outcome: Outcome, vertical_m: Array | float) -> Array:
             exceeded & ~alarm,
             outcome.available & alarm & ~hazard,
             ~outcome.available,
+            unconverged(outcome),
+            tied(outcome),
         ]
     )

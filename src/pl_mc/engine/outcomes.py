@@ -18,7 +18,7 @@ from pl_mc.arrays import ordinary_arithmetic
 from pl_mc.engine.calls import Chunk, run_calls
 from pl_mc.engine.checks import LARGEST_DRAWS, LARGEST_SEED, require_errors, require_geometry_and_alert, require_inputs
 from pl_mc.engine.core import block_outcomes
-from pl_mc.engine.events import alarms
+from pl_mc.engine.events import alarms, tied, unconverged
 from pl_mc.engine.noise import LANES
 from pl_mc.engine.plan import make_plan
 from pl_mc.faults import Faults
@@ -29,7 +29,7 @@ from pl_mc.methods import Method, Outcome, as_methods
 from pl_mc.noise_models import GAUSSIAN, NoiseModel, as_noise_model
 from pl_mc.runtime.precision import dtype_of, precision_scope
 
-OUTCOME_COLUMNS = ("east_m", "north_m", "up_m", "hpl_m", "vpl_m", "available", "alarm")
+OUTCOME_COLUMNS = ("east_m", "north_m", "up_m", "hpl_m", "vpl_m", "available", "alarm", "unconverged", "tied")
 
 _block_outcomes = jax.jit(block_outcomes, static_argnames=("methods", "noise_model"))
 
@@ -53,7 +53,7 @@ def sample(
 
     Returns:
         One row per epoch, fault, method and draw: ``epoch, fault, bias_m, method, draw, east_m, north_m, up_m,
-        hpl_m, vpl_m, available, alarm``. Numbers are missing where a method is not available.
+        hpl_m, vpl_m, available, alarm, unconverged, tied``. Numbers are missing where a method is not available.
     """
     alert = require_inputs(g, faults, alert)
     draws = require_whole(draws, field="draws", low=1, high=LARGEST_DRAWS)
@@ -105,7 +105,8 @@ def solve(
 
     Returns:
         One row per epoch and method: ``epoch, time_gps_s, method, satellites, east_m, north_m, up_m, hpl_m, vpl_m,
-        available, alarm``. Numbers are missing where a method is not available.
+        available, alarm, unconverged, tied``. Numbers are missing where a method is not available; ``unconverged``
+        and ``tied`` are those of `pl_mc.engine.events`.
     """
     alert = require_geometry_and_alert(g, alert)
     series, errors = g.as_series(), require_errors(g, errors_m)
@@ -151,5 +152,6 @@ def _columns(outcome: Outcome, alert: AlertLimits, chosen: tuple = (...,)) -> di
 
     error = outcome.error_m
     values = [known(v) for v in (error[EAST], error[NORTH], error[UP], outcome.hpl_m, outcome.vpl_m)]
-    values += [available, np.asarray(alarms(outcome, alert.vertical_m))]
+    flags = (alarms(outcome, alert.vertical_m), unconverged(outcome), tied(outcome))
+    values += [available, *map(np.asarray, flags)]
     return dict(zip(OUTCOME_COLUMNS, values, strict=True))

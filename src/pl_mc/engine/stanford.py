@@ -19,6 +19,7 @@ from numpy.typing import NDArray
 from pl_mc.alert import AlertLimits
 from pl_mc.engine.calls import Chunk, run_calls
 from pl_mc.engine.core import EpochBatch, block_noise, each_outcome, prepare_epoch
+from pl_mc.engine.events import tied, unconverged
 from pl_mc.engine.noise import LANES
 from pl_mc.engine.plan import make_plan
 from pl_mc.faults import Faults
@@ -87,6 +88,7 @@ class StanfordCounts:
         grid: the cells.
         scenarios: scenarios of each method.
         independent_draws: noise draws with each epoch counted once; all faults of an epoch share its noise.
+        unconverged, tied: (methods, regions), scenarios of each region that are that, see `pl_mc.engine.events`.
     """
 
     counts: NDArray[np.int64]
@@ -94,9 +96,14 @@ class StanfordCounts:
     grid: Grid
     scenarios: int
     independent_draws: int
+    unconverged: NDArray[np.int64]
+    tied: NDArray[np.int64]
 
     def regions(self) -> pd.DataFrame:
-        """One row per method and region: ``count, scenarios, independent_draws, rate, low, high`` (95 %)."""
+        """One row per method and region: ``count, scenarios, independent_draws, rate, low, high`` (95 %).
+
+        ``unconverged`` and ``tied`` are how many of the ``count`` are that.
+        """
         count = self.counts.sum(axis=(2, 3))
         rate = count / self.scenarios
         low, high = shared_noise_bounds(rate, self.independent_draws)
@@ -110,6 +117,8 @@ class StanfordCounts:
                 "rate": rate.ravel(),
                 "low": low.ravel(),
                 "high": high.ravel(),
+                "unconverged": self.unconverged.ravel(),
+                "tied": self.tied.ravel(),
             }
         )
 
@@ -165,7 +174,7 @@ def stanford_counts(
     chosen = tuple(methods)
     plan = make_plan(g, faults, draws)
     side = grid.cells + 1
-    size = len(REGIONS) * side * side
+    size = 4 * len(REGIONS) * side * side
     dtype = dtype_of(precision)
 
     def count(chunk: Chunk, first_block: np.int32, *others: np.int32) -> NDArray[np.int64]:
@@ -181,9 +190,14 @@ def stanford_counts(
     threads = cores() if workers is None else workers
     for _, counts in run_calls(plan, count, precision=precision, threads=threads, what="Cells", show=progress):
         total += counts
-    counted = total.reshape(len(chosen), len(REGIONS), side, side)
+    # Axes: method, unconverged or not, tied or not, region, error, level.
+    full = total.reshape(len(chosen), 2, 2, len(REGIONS), side, side)
+    counted = full.sum(axis=(1, 2))
     names, scenarios = tuple(method.name for method in chosen), int((plan.fault_index >= 0).sum()) * draws
-    return StanfordCounts(counted, names, grid, scenarios, independent_draws=len(plan.epochs) * draws)
+    return StanfordCounts(
+        counted, names, grid, scenarios, independent_draws=len(plan.epochs) * draws,
+        unconverged=full[:, 1].sum(axis=(1, 3, 4)), tied=full[:, :, 1].sum(axis=(1, 3, 4)),
+    )  # fmt: skip
 
 
 @functools.partial(jax.jit, static_argnames=("methods", "blocks"))
@@ -210,7 +224,7 @@ def _block_cells(
 
 
 def _codes(outcome: Outcome, vertical_m: Array, cell_m: Array, cells: Array) -> Array:
-    """(lanes,), (region * side + cell of the error) * side + cell of the level, with side = cells + 1."""
+    """(lanes,), ((unconverged * 2 + tied) * regions + region, cell of the error, cell of the level) in one number."""
     error_m = jnp.abs(outcome.error_m[UP])
     beyond = error_m > outcome.vpl_m
     silent = jnp.where(beyond, jnp.where(error_m > vertical_m, 2, 1), 0)
@@ -223,4 +237,6 @@ def _codes(outcome: Outcome, vertical_m: Array, cell_m: Array, cells: Array) -> 
         return jnp.where(outcome.available, within, 0.0).astype(jnp.int32)
 
     side = cells + 1
-    return (region.astype(jnp.int32) * side + cell(error_m)) * side + cell(outcome.vpl_m)
+    state = unconverged(outcome).astype(jnp.int32) * 2 + tied(outcome).astype(jnp.int32)
+    region = state * len(REGIONS) + region.astype(jnp.int32)
+    return (region * side + cell(error_m)) * side + cell(outcome.vpl_m)

@@ -63,11 +63,11 @@ def sweep(
 
     Returns:
         A table with one row per method and fault: ``method, fault, bias_m, epochs, draws``, the counts ``alarms,
-        hazards, missed, exceeded, misleading, false_alarms, unavailable`` (defined in `pl_mc.engine.events`), and
-        for each of them ``<event>_rate, <event>_low, <event>_high``: count / draws with 95 % Clopper-Pearson
-        bounds. For a single epoch, or ``by_epoch``, ``epoch`` stands in front instead of the number of ``epochs``.
-        A fault counts at the epochs at which all its satellites are in view; ``table.attrs["notes"]`` says where
-        they are not.
+        hazards, missed, exceeded, misleading, false_alarms, unavailable, unconverged, tied`` (defined in
+        `pl_mc.engine.events`), and for each of them ``<event>_rate, <event>_low, <event>_high``: count / draws with
+        95 % Clopper-Pearson bounds. For a single epoch, or ``by_epoch``, ``epoch`` stands in front instead of the
+        number of ``epochs``. A fault counts at the epochs at which all its satellites are in view;
+        ``table.attrs["notes"]`` says where they are not.
 
     Raises:
         InputError: bad options, faults of another geometry, or a folder that cannot be used.

@@ -127,8 +127,9 @@ _GALILEO = partial(
 )  # fmt: skip
 
 
-def _geostationary(longitudes_deg: Sequence[float]) -> list[tuple[float, float]]:
-    return [(longitude + _BDS_SIDEREAL_DEG, 0.0) for longitude in longitudes_deg]
+def _geostationary(longitudes_deg: Mapping[int, float]) -> tuple[Slot, ...]:
+    """Satellites by number and longitude, in the order given, which is from west to east."""
+    return tuple(_GEO(number, [(at + _BDS_SIDEREAL_DEG, 0.0)])[0] for number, at in longitudes_deg.items())
 
 
 def gps() -> tuple[Slot, ...]:
@@ -139,18 +140,19 @@ def gps() -> tuple[Slot, ...]:
 def beidou_2() -> tuple[Slot, ...]:
     """BeiDou-2: C01-C05 GEO, C06-C10 IGSO (three crossing at 118 deg E, two at 95), C11-C14 MEO.
 
-    The MEO satellites take the last two places of the first plane and the third and fourth of the second.
+    The GEO satellites stand at 140, 80, 110.5, 160 and 58.75 deg E, and in tables from west to east. The MEO satellites
+    take the last two places of the first plane and the third and fourth of the second.
     """
     meo = _walker(0.0, 0.0)
     return (
-        *_GEO(1, _geostationary([58.75, 80.0, 110.5, 140.0, 160.0])),
+        *_geostationary({5: 58.75, 2: 80.0, 3: 110.5, 1: 140.0, 4: 160.0}),
         *_IGSO(6, _IGSO_118_E + _IGSO_95_E[:2]),
         *_MEO(11, [meo[8 * plane + k] for plane, k in ((0, 6), (0, 7), (1, 2), (1, 3))]),
     )
 
 
 def beidou_3() -> tuple[Slot, ...]:
-    """BeiDou-3: C19-C42 MEO, C43-C45 IGSO, C59-C61 GEO; the real numbers are spread otherwise.
+    """BeiDou-3: C19-C42 MEO, C43-C45 IGSO, C59-C61 GEO (140, 80, 110.5 deg E); other real numbers are spread otherwise.
 
     Our choice keeps moving satellites of BeiDou-2 and BeiDou-3 apart, which the nominal tables would put into the
     very same places: the MEO pattern is moved by half a spacing (22.5 deg), the IGSO satellites cross at 118 deg E
@@ -159,7 +161,7 @@ def beidou_3() -> tuple[Slot, ...]:
     return (
         *_MEO(19, _walker(0.0, 22.5)),
         *_IGSO(43, [(raan - 60, argument + 60) for raan, argument in _IGSO_118_E]),
-        *_GEO(59, _geostationary([80.0, 110.5, 140.0])),
+        *_geostationary({60: 80.0, 61: 110.5, 59: 140.0}),
     )
 
 

@@ -45,6 +45,8 @@ class Estimate:
         kept: (...), number of satellites with w > 0.
         change_m: (...), largest change of a position component in the last iteration [m]; zero for least squares.
         available: (...), whether the solution is determined.
+        tied: (...), whether twins (`pl_mc.kernels.twins`) share a weight below one: a solution that would throw out one
+            of them would not know which.
     """
 
     state: Array
@@ -55,6 +57,7 @@ class Estimate:
     kept: Array
     change_m: Array
     available: Array
+    tied: Array
 
 
 def start_from(model: LinearModel, observed_m: Array) -> LeastSquaresSolution:
@@ -62,7 +65,8 @@ def start_from(model: LinearModel, observed_m: Array) -> LeastSquaresSolution:
     whitened = observed_m * per_lane(model.weight_root, observed_m)
     state = product(model.gain, whitened)
     residuals = whitened - product(model.design, state)
-    return LeastSquaresSolution(residuals=residuals, state=state, square_sum=jnp.sum(residuals * residuals, axis=0))
+    square_sum = jnp.sum(residuals * residuals, axis=0)
+    return LeastSquaresSolution(residuals=model.twins.alike(residuals), state=state, square_sum=square_sum)
 
 
 def safe_sqrt(value: Array) -> Array:

@@ -13,6 +13,7 @@ import jax.numpy as jnp
 from jax import Array
 
 from pl_mc.kernels.small_matrix import cholesky, inverse_columns, lower_triangle, pivot_floor, solve
+from pl_mc.kernels.twins import Twins, twins_of
 
 # Columns of the design that are coordinates; the others are clocks.
 COORDINATES = 3
@@ -43,6 +44,7 @@ class LinearModel:
         cofactor: (t,), diagonal of N^-1 [m^2].
         redundancy: (n,), redundancy numbers, the diagonal of I - A N^-1 A' P; zero on padding.
         inverse_residual_sigma: (n,), 1 / sqrt(redundancy), zero where the redundancy number is below its floor.
+        twins: satellites that no residual tells apart.
         empty: (t,), 1 for a clock that no satellite in view observes (its unknown is dropped), else 0.
         pivot_floor: (t,), smallest acceptable Cholesky pivots of a reweighted N [1/m^2].
         apart_floor: (t,), the same where clocks are eliminated before coordinates.
@@ -63,6 +65,7 @@ class LinearModel:
     cofactor: Array
     redundancy: Array
     inverse_residual_sigma: Array
+    twins: Twins
     empty: Array
     pivot_floor: Array
     apart_floor: Array
@@ -102,6 +105,7 @@ def linear_model(
     leverage = jnp.sum(whitened * gain.T, axis=1)
     redundancy = jnp.clip(mask - leverage, 0.0, 1.0)
     checked = redundancy >= redundancy_floor(design.dtype)
+    inverse_sigma = jnp.where(checked, jax.lax.rsqrt(jnp.where(checked, redundancy, 1.0)), 0.0)
     unknowns = t - jnp.sum(empty)
     dof = jnp.sum(mask) - unknowns
     return LinearModel(
@@ -114,7 +118,8 @@ def linear_model(
         gain=gain,
         cofactor=cofactor,
         redundancy=redundancy,
-        inverse_residual_sigma=jnp.where(checked, jax.lax.rsqrt(jnp.where(checked, redundancy, 1.0)), 0.0),
+        inverse_residual_sigma=inverse_sigma,
+        twins=twins_of(whitened, gain, redundancy, inverse_sigma, redundancy_floor(design.dtype)),
         empty=empty,
         pivot_floor=pivot_floor(jnp.stack(factor.pivots)),
         apart_floor=pivot_floor(_clocks_first_pivots(packed, t)),

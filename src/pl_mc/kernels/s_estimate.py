@@ -12,7 +12,7 @@ on the others, for a system that is faulty as a whole.
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import jax
 import jax.numpy as jnp
@@ -60,7 +60,9 @@ def s_estimate(model: LinearModel, start: LeastSquaresSolution, options: SOption
     """
     lanes = start.square_sum.shape
     n = model.in_view.shape[0]
-    wanted = _starting_weights(model, start)
+    systems = model.design[:, COORDINATES:] != 0
+    model = replace(model, design=model.twins.design_same)
+    wanted = _starting_weights(model, start, systems)
     starts = wanted.shape[1]
 
     def flat(array: Array) -> Array:
@@ -106,8 +108,8 @@ def s_estimate(model: LinearModel, start: LeastSquaresSolution, options: SOption
     return iterate, pick_rows(weights), jnp.take_along_axis(scale, best, axis=0)[0]
 
 
-def _starting_weights(model: LinearModel, start: LeastSquaresSolution) -> Array:
-    """(n, starts, ...), weights whose solutions are the starts."""
+def _starting_weights(model: LinearModel, start: LeastSquaresSolution, systems: Array) -> Array:
+    """(n, starts, ...), weights whose solutions are the starts; ``systems`` (n, t - 3), which clock a row has."""
     absolute = L1Weight()
 
     def step(carry: tuple[Iterate, Array], _: None) -> tuple[tuple[Iterate, Array], None]:
@@ -121,10 +123,12 @@ def _starting_weights(model: LinearModel, start: LeastSquaresSolution) -> Array:
     # As many as least trimmed squares keeps for the largest breakdown, (n + t + 1) / 2 (Rousseeuw & Leroy 1987).
     half = (jnp.round(jnp.sum(model.in_view) + model.unknowns).astype(jnp.int32) + 1) // 2
     border = jnp.take(jnp.sort(size, axis=0), jnp.maximum(half - 1, 0), axis=0)
+    # With the twins of the last of them, whatever rounding makes of it.
+    border = border * (1.0 + 10.0 * float(jnp.finfo(size.dtype).eps))
     fitted = jnp.where(size <= border[None], 1.0, _UNWANTED).astype(ones.dtype)
-    own = jnp.where(model.design[:, COORDINATES:] != 0, 1.0, _UNWANTED).astype(ones.dtype)
-    systems = [jnp.broadcast_to(per_lane(own[:, k], ones), ones.shape) for k in range(own.shape[1])]
-    return jnp.stack([ones, l1_weights, fitted, *systems], axis=1)
+    own = jnp.where(systems, 1.0, _UNWANTED).astype(ones.dtype)
+    alone = [jnp.broadcast_to(per_lane(own[:, k], ones), ones.shape) for k in range(own.shape[1])]
+    return jnp.stack([ones, l1_weights, fitted, *alone], axis=1)
 
 
 def _sizes(model: LinearModel, residuals: Array) -> Array:

@@ -60,6 +60,7 @@ def least_squares(model: LinearModel, start: LeastSquaresSolution) -> Estimate:
         kept=jnp.broadcast_to(jnp.sum(model.in_view), shape),
         change_m=jnp.zeros(shape, start.square_sum.dtype),
         available=available,
+        tied=jnp.zeros(shape, bool),
     )
 
 

@@ -28,6 +28,8 @@ class Outcome:
         hpl_m, vpl_m: (...), protection levels [m].
         available: (...), whether there is a solution; where not, the numbers are infinite and count for nothing.
         rejects: (...), whether the method's own test rejects the scenario; all False for methods without a test.
+        change_m: (...), largest change of a position component in the last iteration [m]; None without iterations.
+        tied: (...), whether satellites that no residual tells apart share a weight below one; None without weights.
     """
 
     error_m: Array
@@ -35,6 +37,8 @@ class Outcome:
     vpl_m: Array
     available: Array
     rejects: Array
+    change_m: Array | None = None
+    tied: Array | None = None
 
 
 @runtime_checkable
@@ -60,6 +64,8 @@ def outcome_of(estimate: Estimate, levels: ProtectionLevels) -> Outcome:
         vpl_m=levels.vpl_m,
         available=estimate.available,
         rejects=jax.numpy.zeros_like(estimate.available),
+        change_m=estimate.change_m,
+        tied=estimate.tied,
     )
 
 

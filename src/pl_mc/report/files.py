@@ -29,7 +29,7 @@ from pl_mc.report.document import (
     write_document,
 )  # fmt: skip
 from pl_mc.report.figures import save_figure
-from pl_mc.report.findings import Findings, Picture
+from pl_mc.report.findings import Findings, Picture, convergence_note
 from pl_mc.report.run_folder import SUMMARY
 from pl_mc.report.text import markdown_table
 from pl_mc.runtime.whole_files import write_whole
@@ -64,7 +64,7 @@ def write_findings(
     pictures = tuple(picture for picture in findings.pictures if not why[picture.name])
     undrawn = tuple(f"The figure {name} could not be drawn ({reason})." for name, reason in why.items() if reason)
     # Several tables of one geometry say the same of it.
-    notes = tuple(dict.fromkeys((*findings.notes, *undrawn)))
+    notes = tuple(dict.fromkeys((*findings.notes, *convergence_note(findings.tables), *undrawn)))
     for name, rows in findings.rows.items():
         shutil.copytree(rows, folder / name, ignore=shutil.ignore_patterns(".*"), dirs_exist_ok=True)
     for name, text in findings.texts.items():

@@ -7,7 +7,7 @@ What is charted, and what stands below a picture, is said here by the study and 
 from __future__ import annotations
 
 import functools
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Literal, ParamSpec
@@ -23,6 +23,11 @@ _Arguments = ParamSpec("_Arguments")
 
 # The events that most readers look for first, in this order.
 FIRST_EVENTS = ("alarm", "misleading", "missed", "exceeded")
+
+_TOLD = {
+    "unconverged": "Share whose last iteration still moved the position by more than 1 cm",
+    "tied": "Share in which satellites that no residual tells apart had one weight below one",
+}
 
 
 @dataclass(frozen=True)
@@ -95,6 +100,27 @@ class Findings:
     def data(self) -> dict[str, pd.DataFrame]:
         """The tables that a page shows, by name."""
         return {table.name: table.data for table in self.tables if table.stored != "parquet"}
+
+
+def convergence_note(tables: Sequence[Table]) -> tuple[str, ...]:
+    """A sentence on draws that had not settled, and on ties, from the first table that counts them; none without."""
+    for data in (table.data for table in tables):
+        if not {"method", "unconverged", "tied"} <= set(data.columns) or data.empty:
+            continue
+        counted = next((name for name in ("draws", "count") if name in data), None)
+        draws = data[counted] if counted else pd.Series(1, index=data.index)
+        said = []
+        for column, means in _TOLD.items():
+            count = data[column].astype(int)
+            parts = []
+            for method, rows in data.groupby("method", sort=False).groups.items():
+                seen, of = count[rows], draws[rows]
+                if seen.any():
+                    most = f", at most {(seen / of).max():.2g} in a row of the table" if "draws" in data else ""
+                    parts.append(f"{method} {seen.sum() / of.sum():.2g} ({seen.sum():,} of {of.sum():,}){most}")
+            said += [f"{means}: {'; '.join(parts)}."] if parts else []
+        return tuple(said) or ("Every iteration had settled to 1 cm.",)
+    return ()
 
 
 def event_quantities() -> tuple[Quantity, ...]:

@@ -33,7 +33,7 @@ _FIRST_BITS, _MOST_BITS, _CODES_IN_A_GROUP, _CLEAR = 9, 16, 8, 256
 
 
 def read_unzipped(path: Path) -> bytes:
-    """The content of a regular text file, unpacked: plain, ``.gz``, ``.bz2``, ``.xz``, ``.zip`` with one file, or ``.Z``.
+    """The content of a text file, unpacked: plain, ``.gz``, ``.bz2``, ``.xz``, ``.zip`` with one file, or ``.Z``.
 
     What a file is shows in its first bytes, not in its name.
 

@@ -82,7 +82,8 @@ def _levels(
 def _pairs(methods: tuple[Method, ...], model: LinearModel, noise: Array) -> list[tuple[Array, Array]]:
     state = product(model.gain, noise)
     residuals = noise - product(model.design, state)
-    start = LeastSquaresSolution(residuals, state, square_sum=jnp.sum(residuals * residuals, axis=0))
+    square_sum = jnp.sum(residuals * residuals, axis=0)
+    start = LeastSquaresSolution(model.twins.alike(residuals), state, square_sum)
     outcomes = [method.solve(model, method.prepare(model), start) for method in methods]
     return [
         (jnp.where(one.available, one.hpl_m, jnp.inf), jnp.where(one.available, one.vpl_m, jnp.inf)) for one in outcomes

@@ -24,7 +24,7 @@ from scipy import stats
 from pl_mc.arrays import FloatArray
 from pl_mc.integrity_risk.k_factor.calibrated import NO_CHECK, RARE, KFactor
 from pl_mc.integrity_risk.k_factor.error_to_level_ratio import Ratio, RatioState
-from pl_mc.integrity_risk.rare.importance import importance_sampling
+from pl_mc.integrity_risk.rare.importance import ImportanceRun, importance_sampling
 from pl_mc.integrity_risk.rare.risk import judge
 from pl_mc.integrity_risk.rare.subset import (
     LEVEL_FRACTION,
@@ -122,6 +122,10 @@ class ExceedanceCurve:
         low, high = self.bounds(confidence)
         k_low, k_high = self._crossing(low, target, none=0.0), self._crossing(high, target, none=np.inf)
         return self._crossing(self.probability, target), k_low, k_high
+
+    def reaching(self, probability: float, *, none: float) -> float:
+        """The multiplier at which the curve passes a probability; ``none`` where it never does."""
+        return self._crossing(self.probability, probability, none)
 
     def _crossing(self, values: FloatArray, target: float, none: float = np.nan) -> float:
         """Where values that fall on the whole last pass the target."""
@@ -262,6 +266,7 @@ def from_curve(
     if np.isnan(verdict.probability):
         # Neither is known to be right: no multiplier, and no bound of it.
         return nothing(spent, "; ".join(notes), checked)
+    low, high = holding_both(curve, run, (low, high), target=target, confidence=confidence)
     if not np.isfinite(high):
         notes.append("no upper bound was reached")
     if low <= 0.0:
@@ -272,6 +277,20 @@ def from_curve(
         lower, upper = (float(np.interp(np.log(high), np.log(curve.k), values)) for values in curve.bounds(confidence))
     found = KFactor(k, low, high, reached, lower, min(upper, 1.0), RARE, spent, "; ".join(notes), checked)
     return Calibrated(found, curve)
+
+
+def holding_both(
+    curve: ExceedanceCurve, run: ImportanceRun, bounds: tuple[float, float], *, target: float, confidence: float
+) -> tuple[float, float]:
+    """Bounds of the multiplier that hold those of the curve and those that importance sampling asks for.
+
+    The latter are where the curve, moved to the probability that importance sampling bounds at the curve's own
+    multiplier, is the target: both then use the curve's slope alone.
+    """
+    reach = float(np.exp(min(stats.t.ppf(confidence, run.dof) * run.standard_error / run.probability, 300.0)))
+    asked = target**2 / run.probability
+    low, high = bounds
+    return min(low, curve.reaching(asked * reach, none=0.0)), max(high, curve.reaching(asked / reach, none=np.inf))
 
 
 def _start(limit: Sampled, rng: np.random.Generator, most_evaluations: int) -> tuple[FloatArray, int]:

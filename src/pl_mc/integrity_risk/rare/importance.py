@@ -23,7 +23,7 @@ from pl_mc.integrity_risk.rare.mixture import Mixture, fit, join, normal
 from pl_mc.integrity_risk.rare.subset import MOVES, Sampled, climb, rejuvenate
 
 # Searches, each with an exploration, a proposal and a last sample of its own: at least, and at most.
-_FEWEST_SEARCHES, _MOST_SEARCHES = 4, 16
+FEWEST_SEARCHES, _MOST_SEARCHES = 4, 16
 # Noise in which the exploring populations start, their size, and how many of their points are fitted. The strong
 # ones come first: where evaluations run out, it is they that reach the rarest events.
 _EXPLORING_NOISE = (3.0, 2.0, 1.5, 1.0)
@@ -108,17 +108,19 @@ class Tally:
 
 def importance_sampling(
     limit: Sampled, rng: np.random.Generator, *, target_cov: float, most_evaluations: int,
-    known: FloatArray | None = None,
+    known: FloatArray | None = None, fewest_searches: int = FEWEST_SEARCHES,
 ) -> ImportanceRun:  # fmt: skip
     """Estimate P(limit state > 0), with random numbers of this estimator alone.
 
     The samples grow until standard error / estimate is at most ``target_cov``, or more would need more limit states
     than ``most_evaluations``. Every search starts from the points (N, dimension) ``known`` to be in the event too.
+    ``fewest_searches`` share a budget at the least.
     """
     known = np.empty((0, limit.dimension)) if known is None else known
     searches: list[tuple[Mixture, Tally]] = []
     spent = 0
-    each = most_evaluations // (_FEWEST_SEARCHES + 1)
+    # A single search leaves no more than two batches to be drawn.
+    each = most_evaluations // (fewest_searches + 1) if fewest_searches > 1 else most_evaluations - 2 * _BATCH
 
     def search() -> None:
         nonlocal spent
@@ -127,7 +129,7 @@ def importance_sampling(
         if proposal is not None:
             searches.append((proposal, Tally()))
 
-    for _ in range(_FEWEST_SEARCHES):
+    for _ in range(fewest_searches):
         search()
     if not searches:
         return ImportanceRun(np.nan, np.nan, np.nan, 0.0, np.nan, spent)

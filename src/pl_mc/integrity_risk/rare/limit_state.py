@@ -19,6 +19,7 @@ from numpy.typing import NDArray
 
 from pl_mc.alert import AlertLimits
 from pl_mc.arrays import FloatArray
+from pl_mc.engine.events import unconverged
 from pl_mc.geometry.record import POSITION_UNKNOWNS, UP, Geometry
 from pl_mc.kernels import linear_model, start_from
 from pl_mc.methods.base import Method, Outcome
@@ -183,6 +184,10 @@ class LimitState(EpochState):
         """(N,), the limit state [m] of points (N, dimension), standard normal."""
         return self.computed(points, _by_place, np.int32(RISK_EVENTS.index(self.event)), self.noise)
 
+    def unconverged(self, points: FloatArray) -> NDArray[np.bool_]:
+        """(N,), whether the last iteration at points (N, dimension) still moved the position by more than 1 cm."""
+        return self.computed(points, _unconverged, np.int32(0), self.noise) > 0
+
 
 @functools.partial(jax.jit, static_argnames=("of", "method", "noise_model"))
 def _values(
@@ -201,6 +206,11 @@ def _values(
         return of(method.solve(model, prepared, start_from(model, errors)), vertical_m, event)
 
     return jax.lax.map(one_tile, noise.reshape(-1, _TILE, noise.shape[1])).reshape(-1)
+
+
+def _unconverged(outcome: Outcome, vertical_m: Array, event: Array) -> Array:
+    """One where the iteration has not settled."""
+    return unconverged(outcome).astype(outcome.vpl_m.dtype)
 
 
 def _by_place(outcome: Outcome, vertical_m: Array, event: Array) -> Array:

@@ -8,7 +8,7 @@ Events that are not rare are counted.
 from __future__ import annotations
 
 import zlib
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 import pandas as pd
@@ -20,7 +20,7 @@ from pl_mc.engine.checks import LARGEST_SEED, notes_on_faults, require_inputs
 from pl_mc.faults import Faults
 from pl_mc.geometry.record import Geometry
 from pl_mc.input_errors import require_choice, require_whole, require_within
-from pl_mc.integrity_risk.rare.importance import ImportanceRun, importance_sampling
+from pl_mc.integrity_risk.rare.importance import FEWEST_SEARCHES, ImportanceRun, importance_sampling
 from pl_mc.integrity_risk.rare.limit_state import RISK_EVENTS, LimitState, all_axes
 from pl_mc.integrity_risk.rare.subset import Sampled, SubsetRun, subset_simulation
 from pl_mc.methods import Method, as_methods
@@ -46,19 +46,26 @@ _BLOCK = 8192
 # Draws that bound an event which nothing reached.
 _BOUNDING_DRAWS = 2**20
 
+# Evaluations without which one more search cannot come far.
+_SEARCH = 200_000
+
 # Importance sampling gets this share of the evaluations; the second estimator is asked for a coarser answer.
 _FIRST_SHARE = 0.6
 _SECOND_COV = 0.25
 # Fewer effective draws, or one draw with more of the sum, are no estimate.
 _LEAST_ESS = 30.0
 _LARGEST_SHARE = 0.25
-# How improbable a difference between two sound estimators has to be.
+# How improbable a difference between two sound estimators has to be for neither to be believed; a smaller one, beyond
+# what the confidence of their intervals admits, makes one interval of both.
 _DISAGREEMENT_LEVEL = 1e-3
 # Beyond this coefficient of variation the second estimator confirms nothing.
 _LOOSE_COV = 0.5
 
 COUNTING, IMPORTANCE, CERTAIN = "counting", "importance", "certain"
 _WORDS = ("estimator", "warning")
+
+# Plain draws that tell how often the iterations of a method have not settled.
+_SETTLING_DRAWS = 2**15
 
 
 @dataclass(frozen=True)
@@ -76,6 +83,9 @@ class RiskEstimate:
     subset_standard_error: float = np.nan
     subset_evaluations: int = 0
     warning: str = ""
+    unconverged_rate: float = 0.0
+    unconverged_low: float = 0.0
+    unconverged_high: float = 0.0
 
 
 @ordinary_arithmetic
@@ -128,7 +138,9 @@ def risk(
         ``estimator``: ``counting``, ``importance``, or ``certain`` where no noise changes the answer (no
         determined solution);
         ``subset_probability, subset_standard_error, subset_evaluations``: the second estimator, where one ran;
-        ``warning``: empty, or what is wrong.
+        ``warning``: empty, or what is wrong;
+        ``unconverged_rate, unconverged_low, unconverged_high``: share of 32,768 plain draws under the fault whose last
+        iteration moved the position by more than 1 cm, with 95 % Clopper-Pearson bounds; they are no evaluations.
 
     Raises:
         InputError: bad options, or faults of another geometry.
@@ -156,7 +168,12 @@ def risk(
         named = () if model == GAUSSIAN else (model.name,)
         name = "/".join((chosen.name, event, faults.labels[fault], *named))
         key = (seed, int(series.epoch[epoch]), zlib.crc32(name.encode()))
-        return estimate_risk(limit, key, target_cov=target_cov, most_evaluations=most)
+        found = estimate_risk(limit, key, target_cov=target_cov, most_evaluations=most)
+        points = np.random.default_rng((*key, 1)).standard_normal((_SETTLING_DRAWS, limit.dimension))
+        count = int(limit.unconverged(points).sum())
+        low, high = (float(bound) for bound in clopper_pearson(count, len(points), CONFIDENCE))
+        rate = count / len(points)
+        return replace(found, unconverged_rate=rate, unconverged_low=low, unconverged_high=high)
 
     results = with_progress(in_order(run, rows, threads), total=len(rows), what="Risk", show=progress)
     found = [estimate for _, estimate in results]
@@ -179,18 +196,30 @@ def risk(
 def estimate_risk(limit: Sampled, key: tuple[int, ...], *, target_cov: float, most_evaluations: int) -> RiskEstimate:
     """P(limit state > 0); ``key`` are whole numbers that choose the random numbers."""
     first, second, counts = (np.random.default_rng(s) for s in np.random.SeedSequence(key).spawn(3))
-    met = _events(limit, counts, _FIRST_DRAWS)
-    events, spent = len(met), _FIRST_DRAWS
-    draws = _draws_to_count(events, target_cov)
-    common = events >= _COMMON * _FIRST_DRAWS
+    # Of a small budget no more than an eighth, so that something is left to search with.
+    spent = min(_FIRST_DRAWS, most_evaluations // 8)
+    met = _events(limit, counts, spent)
+    events = len(met)
+    draws = _draws_to_count(events, spent, target_cov)
+    common = events >= _COMMON * spent
     if events >= _ENOUGH_EVENTS and (common or draws <= _COUNTED_DRAWS):
         # A fresh count: the first one decided that there is one.
         draws = min(draws, most_evaluations - spent)
         return _counted(len(_events(limit, counts, draws)), draws, spent + draws, target_cov)
 
     budget = int(_FIRST_SHARE * (most_evaluations - spent))
-    found = importance_sampling(limit, first, target_cov=target_cov, most_evaluations=budget, known=met)
+    found = importance_sampling(
+        limit, first, target_cov=target_cov, most_evaluations=budget, known=met,
+        fewest_searches=int(np.clip(budget // _SEARCH, 1, FEWEST_SEARCHES)),
+    )  # fmt: skip
     spent += found.evaluations
+    if np.isnan(found.probability):
+        # Several searches shared a budget that was too small for them; the rest is enough for one, or not.
+        budget = int(_FIRST_SHARE * (most_evaluations - spent))
+        found = importance_sampling(
+            limit, first, target_cov=target_cov, most_evaluations=budget, known=met, fewest_searches=1
+        )
+        spent += found.evaluations
     if np.isnan(found.probability):
         draws = min(_BOUNDING_DRAWS, most_evaluations - spent)
         events = len(_events(limit, counts, draws))
@@ -216,7 +245,7 @@ def judge(found: ImportanceRun, check: SubsetRun, *, evaluations: int, target_co
         below, above = _log_interval(check.probability, loose, check.populations - 1.0)
     else:
         loose, below, above = np.inf, low, high
-    if _disagree(found, check):
+    if _disagree(found, check, _DISAGREEMENT_LEVEL):
         warnings.append(
             f"importance sampling found {found.probability:.3g} +- {found.standard_error:.1g}, subset simulation "
             f"{check.probability:.3g} +- {check.standard_error:.1g}"
@@ -224,16 +253,18 @@ def judge(found: ImportanceRun, check: SubsetRun, *, evaluations: int, target_co
         probability = np.nan
     elif loose > _LOOSE_COV:
         warnings.append("subset simulation scatters too much to confirm the estimate")
-    if np.isnan(probability):
+    if np.isnan(probability) or _disagree(found, check, 1.0 - CONFIDENCE):
+        # Each interval claims the truth with the confidence; where a test at that level tells the two apart, one that
+        # claims it has to hold both.
         low, high = min(low, below), max(high, above)
-    elif cov > target_cov:
+    if not np.isnan(probability) and cov > target_cov:
         warnings.append(f"coefficient of variation {cov:.2g} when the evaluations ran out")
     first = (probability, found.standard_error, low, high, found.ess, evaluations)
     second = (check.probability, check.standard_error, check.evaluations)
     return RiskEstimate(*first, IMPORTANCE, *second, "; ".join(warnings))
 
 
-def _disagree(found: ImportanceRun, check: SubsetRun) -> bool:
+def _disagree(found: ImportanceRun, check: SubsetRun, level: float) -> bool:
     """Whether the difference is beyond what both errors explain (Welch's test, errors of log-normal size)."""
     if check.populations < 2:
         return False
@@ -245,7 +276,7 @@ def _disagree(found: ImportanceRun, check: SubsetRun) -> bool:
     if variance == 0.0:
         return found.probability != check.probability
     dof = variance**2 / (first**4 / found.dof + second**4 / (check.populations - 1.0))
-    limit = stats.t.isf(_DISAGREEMENT_LEVEL / 2.0, dof)
+    limit = stats.t.isf(level / 2.0, dof)
     return bool(abs(np.log(found.probability / check.probability)) > limit * np.sqrt(variance))
 
 
@@ -255,9 +286,9 @@ def _log_interval(probability: float, cov: float, dof: float) -> tuple[float, fl
     return float(probability * np.exp(-width)), float(min(probability * np.exp(min(width, 700.0)), 1.0))
 
 
-def _draws_to_count(events: int, target_cov: float) -> int:
+def _draws_to_count(events: int, draws: int, target_cov: float) -> int:
     """Draws that give a count the relative error asked for, judged from the first draws, with a third to spare."""
-    rate = max(events, 1) / _FIRST_DRAWS
+    rate = max(events, 1) / draws
     needed = 1.33 * (1.0 - rate) / rate / target_cov**2
     return int(np.clip(needed, 2**15, 2**40))
 
@@ -278,7 +309,10 @@ def _counted(events: int, draws: int, evaluations: int, target_cov: float) -> Ri
     error = float(np.sqrt(rate * (1.0 - rate) / draws))
     warning = ""
     if events == 0:
-        warning = f"nothing reached the event; {draws} plain draws without it bound it from above"
+        warning = (
+            f"nothing reached the event; {draws} plain draws without it bound it from above (importance sampling "
+            f"searches further with more evaluations, max_evaluations of {max(4 * evaluations, 4_000_000):,}, say)"
+        )
     elif error > target_cov * rate:
         warning = f"coefficient of variation {error / rate:.2g} from {events} events in {draws} draws"
     value = (rate, error) if events else (np.nan, np.nan)

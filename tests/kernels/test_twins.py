@@ -1,0 +1,110 @@
+"""Satellites that no residual tells apart: found, given one weight, and no matter for the order of the rows."""
+
+from __future__ import annotations
+
+import functools
+
+import jax
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+import pl_mc
+from pl_mc.kernels import linear_model, start_from
+from pl_mc.methods import L1, MM, Danish, Hampel, Huber, Igg3, Tukey
+from pl_mc.statistics import binomial_p_value
+from reference.problems import random_sky
+
+LANES = 64
+METHODS = (
+    Igg3(), Igg3(iterations=10), Igg3(iterations=40), Igg3(scale="apriori", cofactor="none"),
+    Igg3(scale="mad_floored", start="huber"), Huber(), Tukey(), Hampel(), Danish(), L1(), MM(),
+)  # fmt: skip
+# Least absolute residuals and the starts of MM hang on the last bits of single precision with or without twins.
+BOTH_PRECISIONS = METHODS[:-2]
+COUNTS = [(7, 2), (6, 2), (4, 2), (5, 3), (4, 3), (5, 2, 2), (6, 3, 2), (6,)]
+
+
+def two_satellites():
+    """Nine satellites, two of them in a system of their own, that gave other answers in another order."""
+    r = np.random.default_rng(103)
+    n1, n = 7, 9
+    el, az = np.deg2rad(r.uniform(10, 85, n)), r.uniform(0, 2 * np.pi, n)
+    clock = np.zeros((n, 2))
+    clock[:n1, 0] = 1
+    clock[n1:, 1] = 1
+    a = np.column_stack([-np.cos(el) * np.sin(az), -np.cos(el) * np.cos(az), -np.sin(el), clock])
+    return a, np.exp(r.uniform(np.log(0.4), np.log(5), n))
+
+
+@functools.partial(jax.jit, static_argnames=("methods",), compiler_options={"xla_backend_optimization_level": 0})
+def solved(design, sigma_m, observed_m, methods):
+    model = linear_model(design, sigma_m)
+    start = start_from(model, observed_m)
+    return [of.solve(model, of.prepare(model), start) for of in methods]
+
+
+@pytest.mark.parametrize("precision", [np.float64, np.float32])
+def test_twins_are_those_of_a_system_of_two_and_all_where_one_degree_of_freedom_is_left(precision):
+    for counts in [*COUNTS, (5, 1), (3, 3), (2, 2, 3)]:
+        design, sigma, _ = random_sky(np.random.default_rng(4), counts=counts)
+        model = jax.jit(linear_model)(design.astype(precision), sigma.astype(precision))
+        own = np.repeat(counts, counts)
+        freedom = sum(counts) - 3 - len(counts)
+        expected = (own > 1) & ((own == 2) | (freedom == 1))
+        np.testing.assert_array_equal(model.twins.rows, expected, str(counts))
+        assert bool(model.twins.there) == expected.any()
+
+
+@settings(max_examples=25)
+@given(counts=st.sampled_from(COUNTS), seed=st.integers(0, 2**32 - 1), single=st.booleans())
+def test_the_order_of_the_satellites_is_no_matter(counts, seed, single):
+    rng = np.random.default_rng(seed)
+    design, sigma, _ = random_sky(rng, counts=counts)
+    n = len(sigma)
+    observed = sigma[:, None] * rng.standard_normal((n, LANES))
+    observed[rng.integers(n, size=LANES), np.arange(LANES)] += rng.uniform(-20, 20, LANES)
+    order = rng.permutation(n)
+    methods, dtype = (BOTH_PRECISIONS, np.float32) if single else (METHODS, np.float64)
+    design, sigma, observed = (one.astype(dtype) for one in (design, sigma, observed))
+    here, there = (solved(design[p], sigma[p], observed[p], methods) for p in (np.arange(n), order))
+    for of, one, other in zip(methods, here, there, strict=True):
+        both = np.asarray(one.available & other.available)
+        moved = np.abs(np.where(both, one.error_m, 0) - np.where(both, other.error_m, 0)).max(axis=0)
+        odd = (moved > 0.05) | (np.asarray(one.available) != np.asarray(other.available))
+        # A draw that stands between two solutions goes to either by its last bits, in single precision now and then.
+        assert odd.sum() <= (LANES // 16 if single else 0), (of.name, moved.max())
+
+
+@pytest.mark.parametrize("iterations", [10, 20, 40, None])
+def test_a_fault_on_one_of_two_is_solved_alike_in_any_order(iterations):
+    a, s = two_satellites()
+    seen = np.random.default_rng(1).standard_normal((2_000, 9)) * s
+    seen[:, 8] -= 3.12
+    order = np.r_[8, 7, np.arange(7)]
+    methods = (Igg3(iterations=iterations), Tukey(iterations=iterations), Huber(iterations=iterations), MM())
+    here, there = solved(a, s, seen.T, methods), solved(a[order], s[order], seen.T[order], methods)
+    for one, other in zip(here, there, strict=True):
+        np.testing.assert_array_equal(one.available, other.available)
+        ok = np.asarray(one.available)
+        np.testing.assert_allclose(one.error_m[:, ok], other.error_m[:, ok], atol=1e-6)
+        np.testing.assert_array_equal(one.tied, other.tied)
+    assert here[0].tied.sum() > 200
+
+
+@pytest.mark.optimised
+def test_single_precision_counts_as_double_precision_does():
+    a, s = two_satellites()
+    g = pl_mc.Geometry.from_arrays(a, s, list("GGGGGGGCC"), [*(f"G{k:02d}" for k in range(1, 8)), "C01", "C02"])
+    fault = pl_mc.biases(g, {"C02": -3.12})
+    methods = (Igg3(iterations=40), Igg3(), Huber())
+    double, single = (
+        pl_mc.sweep(g, fault, draws=150_000, seed=1, methods=methods, precision=precision, progress=False)
+        for precision in ("float64", "float32")
+    )
+    for event in ("misleading", "unavailable", "tied"):
+        # Two counts of the same rate: of all that are seen, either has half.
+        total = double[event] + single[event]
+        assert (binomial_p_value(double[event], total, np.full(len(total), 0.5)) > 1e-4).all(), event
+    assert (double.tied[:2] > 1000).all()
