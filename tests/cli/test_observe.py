@@ -42,7 +42,7 @@ def test_accuracy_on_the_static_day(
     table = pd.read_parquet(tmp_path / "out" / "epochs.parquet")
     assert list(table.columns) == [
         "epoch", "time", "method", "satellites", "east_m", "north_m", "up_m", "hpl_m", "vpl_m", "available",
-        "alarm", "faulted",
+        "alarm", "unconverged", "tied", "faulted",
     ]  # fmt: skip
     ls = table[table.method == "ls"]
     assert len(ls) == 2880
@@ -92,7 +92,7 @@ def test_the_car_data_run(tmp_path: Path, data_folder: Path) -> None:
         (["--fault", "G02:+30m:400-410"], "out of view"),
         (["--systems", "G,E"], "E"),
         (["--systems", "Q"], "Q"),
-        (["--systems", "GC"], "they are separated by commas: G,C"),
+        (["--systems", "GC"], "the form is G,C on the command line"),
         (["--ionosphere", "klobuchar"], "'broadcast' or 'none'"),
         (["--method", "ls2"], "nearest: ls"),
     ],

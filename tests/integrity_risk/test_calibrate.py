@@ -411,8 +411,8 @@ def test_bad_input() -> None:
             return Ls().solve(model, prepared, start)
 
     cases: list[tuple[dict, str]] = [
-        ({"target": 0.0}, "target: it lies between 0 and 1"),
-        ({"target": 1.0}, "target: it lies between 0 and 1"),
+        ({"target": 0.0}, "target: a number from 1e-15 to 0.999"),
+        ({"target": 1.0}, "target: a number from 1e-15 to 0.999"),
         ({"confidence": 1.5}, "confidence: it lies between 0 and 1"),
         ({"event": "missed"}, "event: 'missed' is unknown"),
         ({"method": "ig3"}, "method: 'ig3' is unknown"),

@@ -391,7 +391,7 @@ def test_bad_input() -> None:
         ({"alarm": "chi2", "p_fa": 0.0}, "p_fa"),
         ({"method": "lms"}, "method: 'lms' is unknown"),
         ({"method": Igg3(), "alarm": "chi2"}, "alarm: 'chi2' is for exact laws.*igg3 has no exact_law"),
-        ({"target_cov": 0.0}, "target_cov: a positive number"),
+        ({"target_cov": 0.0}, "target_cov: a number from 0.001 to 1 is needed, not 0"),
         ({"refine": 0}, "refine: a whole number of at least 1"),
         ({"seed": -1}, "seed"),
         ({"alert": 35.0}, "alert: alert limits such as"),

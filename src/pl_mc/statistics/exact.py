@@ -71,7 +71,7 @@ def ls_rates(
     require_choice(alarm, (PL_ALARM, CHI2_ALARM), field="alarm")
     require_geometry(g)
     require_faults(faults).require_geometry(g)
-    alert, k_vertical = as_alert(alert), require_within(k_vertical, field="k_vertical", low=1e-6, high=1e6)
+    alert, k_vertical = as_alert(alert), require_within(k_vertical, field="k_vertical", low=1e-9, high=1e100)
     quantities = ls_quantities(g)
     effects = fault_effects(g, faults, quantities)
     series = g.as_series()
