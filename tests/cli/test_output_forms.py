@@ -31,7 +31,7 @@ def test_report_and_compare_speak_json(two_runs: Path, capsys: pytest.CaptureFix
     assert content["tables"] == ["rates.csv"]
     assert content["figures"] == ["rates.png", "rates.svg"]
     assert len(content["answer"]) == 3
-    assert content["notes"] == ["Faulted satellite: G07."]
+    assert content["notes"] == ["Faulted satellite: G07.", "Every iteration had settled to 1 cm."]
     assert (two_runs / "1" / "report.html").is_file()
     main(["report", str(two_runs / "1"), "-q"])
     assert capsys.readouterr().out == f"{two_runs / '1' / 'report.html'}\n"
@@ -41,8 +41,8 @@ def test_report_and_compare_speak_json(two_runs: Path, capsys: pytest.CaptureFix
     assert content["fields"] == [{"field": "seed", "first": "1", "second": "2"}]
     assert content["names"] == ["1", "2"]
     assert not content["same_noise"]
-    # 2 methods x 4 biases x 7 events.
-    assert len(content["rates"]) == 56
+    # 2 methods x 4 biases x 9 events.
+    assert len(content["rates"]) == 72
     main(["compare", str(two_runs / "1"), str(two_runs / "2"), "--out", str(two_runs / "compared")])
     out = capsys.readouterr().out
     assert out.startswith("# 2 against 1\n")

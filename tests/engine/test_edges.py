@@ -137,8 +137,8 @@ def test_methods_that_are_none(series: pl_mc.Geometry) -> None:
         def solve(self, model, prepared, start):
             raise NotImplementedError
 
-    for wrong in ("ls", None, (pl_mc.ls,), (Unhashable(),), ()):
-        with pytest.raises(InputError, match="methods"):
+    for wrong in ("lss", 3, None, (pl_mc.ls,), (Unhashable(),), ()):
+        with pytest.raises(InputError, match="method"):
             pl_mc.sweep(series, pl_mc.no_fault(series), draws=1, seed=1, methods=wrong)  # type: ignore[arg-type]
 
 

@@ -46,13 +46,12 @@ def alarms(outcome: Outcome, vertical_m: Array | float) -> Array:
 
 def unconverged(outcome: Outcome) -> Array:
     """(...), whether the last iteration still moved the position by more than `SETTLED_M`."""
-    none = jnp.zeros_like(outcome.available)
-    return none if outcome.change_m is None else outcome.available & (outcome.change_m > SETTLED_M)
+    return outcome.available & (False if outcome.change_m is None else outcome.change_m > SETTLED_M)
 
 
 def tied(outcome: Outcome) -> Array:
     """(...), whether satellites that no residual tells apart share a weight below one."""
-    return jnp.zeros_like(outcome.available) if outcome.tied is None else outcome.available & outcome.tied
+    return outcome.available & (False if outcome.tied is None else outcome.tied)
 
 
 def events(outcome: Outcome, vertical_m: Array | float) -> Array:
