@@ -48,7 +48,7 @@ def test_factors_are_the_rates_of_the_sweeps(tmp_path: Path) -> None:
     known = rows[rows.factor.notna()]
     np.testing.assert_allclose(known.factor, known.rate / known.gaussian_rate)
     assert (known.factor_low < known.factor).all()
-    assert len(pd.read_csv(folder / "exposures.csv")) == 2 * 7
+    assert len(pd.read_csv(folder / "exposures.csv")) == 2 * 9
     for name in ("noise_models.png", "exposures.png"):
         assert (folder / name).stat().st_size > 20_000
     assert "student_t(nu=3,match=core)" in (folder / "summary.md").read_text(encoding="utf-8")

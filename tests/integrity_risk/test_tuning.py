@@ -71,7 +71,9 @@ def test_ratios_and_levels_are_those_of_the_method(g: Geometry) -> None:
     noise, problem = _noise(g), _problem(g)
     drawn = problem.draws(np.array([1.2, 4.0]), noise)
     for k, bias_m in enumerate(problem.bias_m):
-        level_m, error_m, known = _solved(g, noise * np.asarray(g.sigma_m) + bias_m, Igg3(k0=1.2, k1=4.0, iterations=10))
+        level_m, error_m, known = _solved(
+            g, noise * np.asarray(g.sigma_m) + bias_m, Igg3(k0=1.2, k1=4.0, iterations=10)
+        )
         worth_m = np.minimum(error_m, 35.0)
         np.testing.assert_allclose(drawn.log_ratio[k][known], np.log(worth_m / level_m)[known], rtol=0, atol=1e-9)
         if k == 0:

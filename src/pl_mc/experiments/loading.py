@@ -3,12 +3,13 @@
 from __future__ import annotations
 
 import tomllib
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
 from pl_mc.input_errors import InputError, nearest, shown
+from pl_mc.methods import METHODS
 from pl_mc.report.run_folder import folder_name
 from pl_mc.runtime.small_files import parsed, parsed_json, read_text
 from pl_mc.studies.registry import FORMER, KINDS, in_todays_words
@@ -74,7 +75,30 @@ def read_source(which: str) -> ExperimentSource:
     manifest = parsed_json(text, path=path)
     if not isinstance(manifest, dict) or not isinstance(manifest.get("experiment"), dict):
         raise InputError(f"{path}: it is no manifest of a run.")
-    return ExperimentSource(folder_name(manifest.get("name"), source=str(path)), path, "", manifest["experiment"])
+    content, versions = manifest["experiment"], manifest.get("versions")
+    if isinstance(versions, dict) and versions.get("pl_mc") == "0.1.0":
+        content = _with_ten_iterations(content)
+    return ExperimentSource(folder_name(manifest.get("name"), source=str(path)), path, "", content)
+
+
+def _with_ten_iterations(content: Mapping[str, Any]) -> dict[str, Any]:
+    """A manifest of version 0.1.0 in words of today: there reweighted estimates took ten plain iterations."""
+
+    def told(options: Any, name: Any) -> Any:
+        known = isinstance(options, dict) and isinstance(name, str) and name in METHODS
+        ten = {"iterations": 10} if known and getattr(METHODS[name], "iterations", 10) is None else {}
+        return ten | options if ten else options
+
+    def each(field: str, change: Callable[[dict[str, Any]], Any]) -> dict[str, Any]:
+        if not isinstance(rows := content.get(field), list):
+            return {}
+        return {field: [change(row) if isinstance(row, dict) else row for row in rows]}
+
+    return (
+        dict(content)
+        | each("methods", lambda row: told(row, row.get("name")))
+        | each("readings", lambda row: row | {"igg3": told(row.get("igg3", {}), "igg3")})
+    )
 
 
 def build_experiment(content: Mapping[str, Any], *, source: str) -> Experiment:

@@ -209,7 +209,9 @@ def _distribution(bias: Any) -> Any:
     require_choice(name, known, field="bias")
     if name == "uniform":
         if len(parameters) != 2 or not parameters[0] < parameters[1]:
-            raise InputError(f"bias: 'uniform' takes two sizes, such as ('uniform', 5, 100), not {shown(bias)}.")
+            raise InputError(
+                f"bias: 'uniform' takes two sizes in order, such as ('uniform', 5, 100), not {shown(bias)}."
+            )
         return stats.uniform(parameters[0], parameters[1] - parameters[0])
     try:
         frozen = getattr(stats, name)(*parameters)
