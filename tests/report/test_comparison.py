@@ -38,8 +38,8 @@ def test_fields_that_differ_are_named_and_rates_laid_side_by_side(runs: tuple[Pa
     found = compare_runs(*map(read_run_folder, runs))
     assert found.names == ("small", "other")
     assert found.fields.to_numpy().tolist() == [["methods.1.k1", "nothing", "3"]]
-    # 2 methods x 4 biases x 7 events; the robust method in spite of its other name.
-    assert len(found.rates) == 56
+    # 2 methods x 4 biases x 9 events; the robust method in spite of its other name.
+    assert len(found.rates) == 72
     assert any("igg3(k1=3) of the second run stands beside igg3 of the first" in note for note in found.notes)
     (row,) = found.rates[found.rates.differs].to_dict("records")
     assert (row["method"], row["event"], row["bias_m"]) == ("igg3", "alarm", 25.0)
@@ -47,7 +47,7 @@ def test_fields_that_differ_are_named_and_rates_laid_side_by_side(runs: tuple[Pa
     assert row["difference"] == pytest.approx(20 / DRAWS)
     low, high = difference_bounds(0, DRAWS, 20, DRAWS)
     assert (row["low"], row["high"]) == (pytest.approx(float(low)), pytest.approx(float(high)))
-    assert "1 of 56 rates differ" in found.text
+    assert "1 of 72 rates differ" in found.text
 
 
 def test_the_same_noise_without_epochs_has_no_paired_interval_and_says_so(runs: tuple[Path, Path]) -> None:
@@ -90,7 +90,7 @@ def test_epochs_of_the_same_noise_are_paired(tmp_path: Path) -> None:
     assert row.high - row.low < 0.5 * float(wide[1] - wide[0])
     # Nothing was ever seen of the other events: no scatter, no paired interval.
     assert (found.rates[found.rates.event == "missed"].interval == NEWCOMBE).all()
-    assert any("1 of 28 intervals are those of the paired differences" in note for note in found.notes)
+    assert any("1 of 36 intervals are those of the paired differences" in note for note in found.notes)
 
 
 def test_rows_of_one_run_alone_are_counted(tmp_path: Path, runs: tuple[Path, Path]) -> None:
@@ -98,7 +98,7 @@ def test_rows_of_one_run_alone_are_counted(tmp_path: Path, runs: tuple[Path, Pat
     other = store_run(tmp_path / "fewer", alone[alone.bias_m < 50], with_figure=False, name="fewer")
     found = compare_runs(read_run_folder(runs[0]), read_run_folder(other))
     assert any(note.startswith("rates: 2 rows of the first run") for note in found.notes)
-    assert len(found.rates) == 42
+    assert len(found.rates) == 54
 
 
 def test_a_comparison_is_written_whole_and_replaces_itself_alone(tmp_path: Path, runs: tuple[Path, Path]) -> None:
@@ -106,7 +106,7 @@ def test_a_comparison_is_written_whole_and_replaces_itself_alone(tmp_path: Path,
     write_comparison(*runs, tmp_path / "out")
     assert sorted(path.name for path in made.folder.iterdir()) == ["compare.csv", "compare.html"]
     table = pd.read_csv(made.folder / "compare.csv", keep_default_na=False)
-    assert len(table) == 56
+    assert len(table) == 72
     assert made.content()["rates"][0]["table"] == "rates"
     with pytest.raises(InputError, match="something other"):
         write_comparison(*runs, runs[0])
@@ -141,7 +141,7 @@ def test_runs_of_a_former_kind_are_runs_of_one_kind(tmp_path: Path) -> None:
         folders.append(folder)
     made = write_comparison(*folders, tmp_path / "out")
     assert made.comparison.fields.empty
-    assert len(made.comparison.rates) == 56
+    assert len(made.comparison.rates) == 72
 
 
 def test_runs_of_two_kinds_are_not_compared(tmp_path: Path, runs: tuple[Path, Path]) -> None:

