@@ -6,11 +6,14 @@ import gc
 import importlib
 import importlib.util
 import os
+import shutil
+import tempfile
 from pathlib import Path
 from typing import Any
 
 # Each process of the suite has a core to itself: threads of the linear algebra that wait for work take it from others.
 os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
+os.environ.pop("JAX_COMPILATION_CACHE_DIR", None)
 
 import jax
 import pytest
@@ -19,6 +22,16 @@ from hypothesis import HealthCheck, settings
 # The library never touches the caller's configuration; the tests are a caller that wants double precision. Those of
 # kernels and methods are strict about the promotion of types as well.
 jax.config.update("jax_enable_x64", True)
+
+# Processes that tests start run the same few programs again and again: each is compiled once a run. JAX has read its
+# settings by now, so that this process itself goes without.
+CACHE_VARIABLE = "PL_MC_TEST_CACHE"
+if CACHE_VARIABLE not in os.environ:
+    os.environ[CACHE_VARIABLE] = OWN_CACHE = tempfile.mkdtemp(prefix="pl_mc_tests_")
+else:
+    OWN_CACHE = ""
+os.environ["JAX_COMPILATION_CACHE_DIR"] = os.environ[CACHE_VARIABLE]
+os.environ["JAX_PERSISTENT_CACHE_MIN_COMPILE_TIME_SECS"] = "0.2"
 
 # A first example compiles, the others do not: neither a deadline nor a health check of the time means anything.
 settings.register_profile(
@@ -96,6 +109,8 @@ def pytest_runtest_setup(item: pytest.Item) -> None:
 # Files by how long they take, longest first: what comes last should be short, so that no process waits for another.
 LONGEST = (
     "experiments/test_tuning_run.py",
+    "kernels/test_twins.py",
+    "cli/test_stopping.py",
     "integrity_risk/test_tuning.py",
     "integrity_risk/test_worst_case.py",
     "benchmark/test_bench.py",
@@ -117,6 +132,11 @@ LONGEST = (
     "experiments/test_guo.py",
     "engine/test_parts.py",
 )
+
+
+def pytest_unconfigure() -> None:
+    if OWN_CACHE:
+        shutil.rmtree(OWN_CACHE, ignore_errors=True)
 
 
 def pytest_collection_finish() -> None:

@@ -92,8 +92,9 @@ def test_each_signal_keeps_the_parts_and_says_so(tmp_path: Path, number: int, co
     assert sorted(path.name for path in (tmp_path / "runs").iterdir()) == ["one.unfinished"]
 
 
-def test_ctrl_c_ends_with_130_whenever_it_comes(tmp_path: Path) -> None:
+def test_ctrl_c_ends_with_130_whenever_it_comes(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     """While modules are loaded, functions are traced and compiled, and scenarios are counted."""
+    monkeypatch.delenv("JAX_COMPILATION_CACHE_DIR", raising=False)
     moments = random.Random(65)
     for _ in range(5):
         process = started(

@@ -52,7 +52,6 @@ def sound() -> dict[str, pd.DataFrame]:
     return counted()
 
 
-@pytest.mark.optimised
 @pytest.mark.parametrize(("name", "value"), SETTINGS)
 def test_numbers_do_not_depend_on_a_setting(name: str, value: object, sound: dict[str, pd.DataFrame]) -> None:
     before = getattr(jax.config, name)
