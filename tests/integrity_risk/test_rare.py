@@ -64,7 +64,7 @@ def test_least_squares_has_its_exact_risk(noise: float, satellite: str, bias_m: 
 def test_the_robust_estimate_has_the_risk_that_is_counted(
     scale: str, event: str, bias_m: float, seed: int, counts: tuple[int, ...]
 ) -> None:
-    g, method = random_geometry(np.random.default_rng(seed), counts=counts), Igg3(scale=scale)
+    g, method = random_geometry(np.random.default_rng(seed), counts=counts), Igg3(scale=scale, iterations=10)
     faults = pl_mc.biases(g, {g.names[1]: bias_m})
     row = risk(g, faults, seed=2, event=event, method=method, max_evaluations=3_000_000, progress=False).iloc[0]
     draws = 600_000

@@ -114,7 +114,7 @@ def test_the_smoothed_k_factor_comes_to_the_quantile(g: Geometry) -> None:
 @pytest.fixture(scope="module")
 def table(g: Geometry) -> pd.DataFrame:
     faults = pl_mc.no_fault(g) + pl_mc.biases(g, {"G03": 10.0})
-    return tune(g, target=TARGET, faults=faults, draws=DRAWS, steps=6, grid=3, seed=7)
+    return tune(g, method=Igg3(iterations=10), target=TARGET, faults=faults, draws=DRAWS, steps=6, grid=3, seed=7)
 
 
 def test_what_tuning_gives(g: Geometry, table: pd.DataFrame) -> None:
@@ -203,7 +203,7 @@ def test_a_rare_target(g: Geometry, monkeypatch: pytest.MonkeyPatch) -> None:
         "target_cov": 0.2, "max_evaluations": 1_000_000,
     }  # fmt: skip
     monkeypatch.setattr(TUNE, "_STARTS", ())
-    rows = tune(g, **rare).set_index("limits")
+    rows = tune(g, method=Igg3(iterations=10), **rare).set_index("limits")
     assert list(rows.index) == ["start", "tuned"]
     assert (rows["found"] == "rare events").all()
     assert rows.loc["start", "warning"] == ""
