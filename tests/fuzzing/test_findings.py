@@ -71,6 +71,9 @@ COMPACT = "Hatanaka observations"
 HEALTH = r"^     2\.0{12}e\+00 0\.0{12}e\+00-9\.3"
 
 
+SKY = pl_mc.simulate(epochs=1)[0]
+
+
 @pytest.mark.parametrize(
     ("name", "change", "sentence"),
     [
@@ -214,6 +217,10 @@ ROWS: dict[str, Any] = {
         (lambda: pl_mc.simulate(epochs=10**30), "epochs: .* too many for one series"),
         (lambda: pl_mc.simulate(interval_s=1e308), "interval_s: .* at most"),
         (lambda: pl_mc.simulate(interval_s=10**400), "interval_s: a finite number is needed"),
+        (
+            lambda: pl_mc.statistics.fault_effects(SKY, pl_mc.no_fault(SKY), "GPS"),
+            "quantities: those of pl_mc.statistics.ls_quantities are needed, not 'GPS'",
+        ),
         (lambda: pl_mc.simulate(start=np.ones((2, 2))), r"start: array\(\[\[1., 1.\], .* is not a date"),
         (lambda: pl_mc.Geometry.from_rows(**ROWS | {"names": object()}), "names: a sequence of names"),
         (lambda: pl_mc.Geometry.from_rows(**ROWS | {"clocks": 5e-324}), "clocks: a sequence of names"),

@@ -14,6 +14,7 @@ from numpy.typing import NDArray
 from pl_mc.arrays import FloatArray, ordinary_arithmetic
 from pl_mc.faults import Faults, require_faults
 from pl_mc.geometry.record import EAST, NORTH, POSITION_UNKNOWNS, UP, Geometry, require_geometry
+from pl_mc.input_errors import InputError, shown
 
 # Pairs of epoch and fault whose biases are spread over rows at once.
 _BLOCK = 65536
@@ -114,12 +115,15 @@ def fault_effects(g: Geometry, faults: Faults, quantities: LsQuantities | None =
         Pairs in the order of the epochs, and of the faults within an epoch.
 
     Raises:
-        InputError: faults made for another geometry.
+        InputError: faults made for another geometry, or quantities that are none.
     """
     require_geometry(g)
     require_faults(faults)
     series = g.as_series()
-    quantities = ls_quantities(g) if quantities is None else quantities
+    if quantities is None:
+        quantities = ls_quantities(g)
+    elif not isinstance(quantities, LsQuantities):
+        raise InputError(f"quantities: those of pl_mc.statistics.ls_quantities are needed, not {shown(quantities)}.")
     rows = series.sigma_m.shape[-1]
     gain = quantities.gain.reshape(-1, rows)
     basis = quantities.basis.reshape(len(gain), rows, -1)
