@@ -80,6 +80,12 @@ def require_whole(value: int, *, field: str, low: int, high: int | None = None) 
     return int(value)
 
 
+def hold_whole(record: object, name: str, *, low: int, high: int | None = None, field: str = "") -> None:
+    """Make a field of a frozen record an int where it is a whole number in the range, however it was written (1e4)."""
+    value = require_whole(getattr(record, name), field=field or name, low=low, high=high)
+    object.__setattr__(record, name, value)
+
+
 def require_positive(value: float, *, field: str) -> float:
     """``value`` as a float if it is a positive, finite number; else an `InputError` that names ``field``."""
     number = require_number(value, field=field)

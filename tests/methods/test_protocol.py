@@ -18,7 +18,9 @@ from hypothesis import strategies as st
 
 import pl_mc
 from pl_mc import InputError
+from pl_mc.engine import Execution
 from pl_mc.kernels import least_squares, linear_model, protection_levels, start_from
+from pl_mc.kernels.s_estimate import SOptions
 from pl_mc.methods import METHODS, Igg3, Ls, Method, Outcome, as_methods, method
 from pl_mc.methods.base import outcome_of
 from pl_mc.statistics import binomial_p_value, chi2_threshold
@@ -229,6 +231,7 @@ def test_the_k_factors_multiply():
         (lambda: method("igg3", scale="apiori"), "scale: 'apiori' is unknown .nearest: apriori"),
         (lambda: method("igg3", k0=5.0, k1=1.5), "igg3: 0 < k0 < k1 is needed"),
         (lambda: method("igg3", iterations=0), "iterations: a whole number of at least 1"),
+        (lambda: method("igg3", iterations=15, acceleration="aitken"), "acceleration: .* iterations of at least 16"),
         (lambda: as_methods(3), "methods: .*needed, not 3"),
         (lambda: as_methods(()), "methods: at least one method"),
         (lambda: as_methods((3,)), "methods: 3 is no method .valid names: ls, igg3"),
@@ -239,6 +242,19 @@ def test_options_that_do_not_exist(make, words):
     with pytest.raises(InputError, match=words) as caught:
         make()
     assert "\n" not in str(caught.value)
+
+
+def test_whole_numbers_are_held_as_such():
+    """1.0 and 1e0 are 1 wherever a whole number is asked for; as a float it broke the loops that are as long."""
+    held = (
+        method("w_test", exclusions=1.0).exclusions,
+        method("nioraim", iterations=3.0).iterations,
+        method("igg3", iterations=1e1).options.iterations,
+        SOptions(5.0).steps,
+        *Execution(workers=2.0, devices=1.0, shard=(1.0, 2.0)).shard,
+    )
+    assert held == (1, 3, 10, 5, 1, 2)
+    assert {type(number) for number in held} == {int}
 
 
 def test_a_new_method_runs_through_the_sweep():

@@ -12,7 +12,7 @@ import pandas as pd
 
 from pl_mc.benchmark.accuracy import Difference, Disagreement, EventRate
 from pl_mc.benchmark.measure import Rate, Ratio
-from pl_mc.input_errors import InputError, require_positive, require_whole
+from pl_mc.input_errors import InputError, hold_whole, require_positive
 from pl_mc.report.text import markdown_table, rate_text
 from pl_mc.runtime.whole_files import write_whole
 
@@ -38,9 +38,10 @@ class Sizes:
 
     def __post_init__(self) -> None:
         require_positive(self.seconds, field="seconds")
-        require_whole(self.repetitions, field="repetitions", low=1)
-        require_whole(self.accuracy_scenarios, field="accuracy_scenarios", low=1)
-        if require_whole(self.limit_scenarios, field="limit_scenarios", low=16) % 16:
+        hold_whole(self, "repetitions", low=1)
+        hold_whole(self, "accuracy_scenarios", low=1)
+        hold_whole(self, "limit_scenarios", low=16)
+        if self.limit_scenarios % 16:
             raise InputError(f"limit_scenarios: a multiple of 16 is needed, not {self.limit_scenarios}.")
 
 

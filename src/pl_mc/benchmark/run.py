@@ -118,7 +118,7 @@ def run_bench(
 def _set_devices(devices: int | None) -> None:
     if devices is None:
         return
-    require_whole(devices, field="devices", low=1)
+    devices = require_whole(devices, field="devices", low=1)
     # Devices of a processor are set before its first use; afterwards what is there has to do.
     with contextlib.suppress(RuntimeError):
         jax.config.update("jax_num_cpu_devices", devices)

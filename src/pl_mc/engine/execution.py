@@ -11,7 +11,7 @@ from pl_mc.engine.checkpoint_store import BadPart, CheckpointStore
 from pl_mc.engine.compiling import require_devices
 from pl_mc.engine.part_task import P, Task
 from pl_mc.engine.task import Engine, PartCounts, SweepTask
-from pl_mc.input_errors import InputError, require_list, require_path, require_truth, require_whole, shown
+from pl_mc.input_errors import InputError, hold_whole, require_list, require_path, require_truth, require_whole, shown
 from pl_mc.runtime.progress import progress_bar
 from pl_mc.runtime.threads import cores
 
@@ -54,17 +54,17 @@ class Execution:
             )
         if self.folder is not None:
             require_path(self.folder, field="folder")
-        if self.devices is not None:
-            require_whole(self.devices, field="devices", low=1)
-        if self.workers is not None:
-            require_whole(self.workers, field="workers", low=1)
+        for name in ("devices", "workers"):
+            if getattr(self, name) is not None:
+                hold_whole(self, name, low=1)
         if self.shard is not None:
             given = require_list(self.shard, field="shard", of="two numbers, which shard of how many,")
             if len(given) != 2:
                 raise InputError(f"shard: two numbers are needed, which shard of how many, not {shown(self.shard)}.")
             index, count = given
-            require_whole(count, field="shard: the number of shards", low=1)
-            require_whole(index, field="shard: the shard", low=1, high=count)
+            count = require_whole(count, field="shard: the number of shards", low=1)
+            index = require_whole(index, field="shard: the shard", low=1, high=count)
+            object.__setattr__(self, "shard", (index, count))
 
     def inside(self, name: str) -> Execution:
         """The same for one of several sweeps of an experiment, with a folder of its own."""

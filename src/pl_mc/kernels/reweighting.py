@@ -15,7 +15,7 @@ import jax
 import jax.numpy as jnp
 from jax import Array
 
-from pl_mc.input_errors import InputError, require_choice, require_number, require_whole
+from pl_mc.input_errors import InputError, hold_whole, require_choice, require_number
 from pl_mc.kernels.clock_elimination import eliminate_clocks
 from pl_mc.kernels.estimate import Estimate, LeastSquaresSolution, safe_sqrt
 from pl_mc.kernels.linear_model import COORDINATES, LinearModel, add_empty, per_lane, product, redundancy_floor
@@ -87,9 +87,14 @@ class IrlsOptions:
         require_choice(self.redundancy, REDUNDANCIES, field="redundancy")
         require_choice(self.start, STARTS, field="start")
         if self.iterations is not None:
-            require_whole(self.iterations, field="iterations", low=1)
+            hold_whole(self, "iterations", low=1)
         if self.acceleration is not None:
             require_choice(self.acceleration, ACCELERATIONS, field="acceleration")
+        if self.acceleration == "aitken" and self.solutions <= AITKEN_START:
+            raise InputError(
+                f"acceleration: 'aitken' begins after {AITKEN_START} solutions and does nothing in {self.iterations}; "
+                f"take iterations of at least {AITKEN_START + 1}, or the acceleration 'none'."
+            )
         if not 0.0 <= require_number(self.weight_floor, field="weight_floor") < 1.0:
             raise InputError(f"weight_floor: a number from 0 to below 1 is needed, not {self.weight_floor!r}.")
 
@@ -101,8 +106,7 @@ class IrlsOptions:
     @property
     def accelerated(self) -> bool:
         """Whether some of them are extrapolated."""
-        aitken = self.iterations is None if self.acceleration is None else self.acceleration == "aitken"
-        return aitken and self.solutions > AITKEN_START
+        return self.iterations is None if self.acceleration is None else self.acceleration == "aitken"
 
 
 @jax.tree_util.register_dataclass

@@ -18,7 +18,7 @@ import jax
 import jax.numpy as jnp
 from jax import Array
 
-from pl_mc.input_errors import require_whole
+from pl_mc.input_errors import hold_whole
 from pl_mc.kernels.estimate import LeastSquaresSolution, safe_sqrt
 from pl_mc.kernels.linear_model import COORDINATES, LinearModel, per_lane
 from pl_mc.kernels.reweighting import MAD_TO_SIGMA, Iterate, first_iterate, solve_weighted
@@ -48,7 +48,7 @@ class SOptions:
     steps: int = 10
 
     def __post_init__(self) -> None:
-        require_whole(self.steps, field="s_steps", low=1)
+        hold_whole(self, "steps", field="s_steps", low=1)
 
 
 def s_estimate(model: LinearModel, start: LeastSquaresSolution, options: SOptions) -> tuple[Iterate, Array, Array]:

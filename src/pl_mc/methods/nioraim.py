@@ -8,7 +8,7 @@ import jax
 import jax.numpy as jnp
 from jax import Array
 
-from pl_mc.input_errors import require_choice, require_whole
+from pl_mc.input_errors import hold_whole, require_choice
 from pl_mc.kernels import LeastSquaresSolution, LinearModel, ProtectionLevels
 from pl_mc.kernels.leave_one_out import covariance_of, effect_floor, largest_slopes, projections
 from pl_mc.kernels.linear_model import COORDINATES, add_empty, product, redundancy_floor
@@ -89,7 +89,7 @@ class Nioraim(Named):
         require_risks("nioraim", p_fa=self.p_fa, p_md=self.p_md)
         require_choice(self.form, FORMS, field="nioraim: form")
         require_choice(self.target, (VERTICAL, HORIZONTAL), field="nioraim: target")
-        require_whole(self.iterations, field="nioraim: iterations", low=1)
+        hold_whole(self, "iterations", field="nioraim: iterations", low=1)
 
     levels_from_geometry = True
 

@@ -10,7 +10,7 @@ from jax import Array
 from scipy import special
 
 from pl_mc.constants import K_HORIZONTAL, K_VERTICAL
-from pl_mc.input_errors import InputError, require_choice, require_whole
+from pl_mc.input_errors import InputError, hold_whole, require_choice
 from pl_mc.kernels import LeastSquaresSolution, LinearModel, ProtectionLevels
 from pl_mc.kernels.estimate import safe_sqrt
 from pl_mc.kernels.leave_one_out import (
@@ -86,7 +86,7 @@ class WTest(Named):
         require_risks("w_test", alpha=self.alpha, power=self.power, p_fa=self.p_fa)
         if self.power <= self.alpha:
             raise InputError(f"w_test: power: it lies above alpha ({self.alpha:g}), not {self.power!r}.")
-        require_whole(self.exclusions, field="w_test: exclusions", low=0, high=MOST_EXCLUSIONS)
+        hold_whole(self, "exclusions", field="w_test: exclusions", low=0, high=MOST_EXCLUSIONS)
         require_choice(self.final, (LOCAL, GLOBAL, BOTH), field="w_test: final")
         require_choice(self.form, (SIGMA, RELIABILITY), field="w_test: form")
         require_choice(self.variance, (APRIORI, POSTERIOR), field="w_test: variance")

@@ -134,7 +134,7 @@ def worst_case(
     require_event(event)
     (chosen,) = as_methods([method])
     law = law_with(alarm, chosen, estimated=estimator is not None)
-    require_whole(refine, field="refine", low=1)
+    refine = require_whole(refine, field="refine", low=1)
     seed = require_whole(seed, field="seed", low=0, high=LARGEST_SEED)
     require_within(target_cov, field="target_cov", low=1e-3, high=1.0)
     if estimator is not None and not callable(estimator):
