@@ -10,6 +10,7 @@ from typing import Any
 import numpy as np
 import pandas as pd
 
+import pl_mc
 from pl_mc.alert import LPV_200
 from pl_mc.engine.events import EVENTS
 from pl_mc.engine.table import with_rates
@@ -88,7 +89,7 @@ def store_run(
         "inputs": {},
         "noise": {"generator": "threefry2x32"},
         "notes": list(document.notes),
-        "versions": {"python": "3", "pl_mc": "0.1.0"},
+        "versions": {"python": "3", "pl_mc": pl_mc.__version__},
         "machine": {"system": "Linux"},
         "seconds": 1.5,
     }

@@ -12,6 +12,8 @@ import pytest
 from scipy import special
 from stored_runs import DRAWS, counts, store_epochs, store_run
 
+from pl_mc.experiments.loading import build_experiment
+from pl_mc.experiments.output import require_finished_alike
 from pl_mc.experiments.reading import write_comparison
 from pl_mc.input_errors import InputError
 from pl_mc.report.comparison import NEWCOMBE, PAIRED, compare_runs
@@ -142,6 +144,19 @@ def test_runs_of_a_former_kind_are_runs_of_one_kind(tmp_path: Path) -> None:
     made = write_comparison(*folders, tmp_path / "out")
     assert made.comparison.fields.empty
     assert len(made.comparison.rates) == 72
+
+
+def test_a_run_of_the_first_version_is_one_of_ten_iterations(tmp_path: Path, runs: tuple[Path, Path]) -> None:
+    """The same words then and now are two experiments: the fields are named, and no run is taken for the other."""
+    before = store_run(tmp_path / "before", counts(FIRST), with_figure=False)
+    assert write_comparison(runs[0], before, tmp_path / "same").comparison.fields.empty
+    require_finished_alike(before, build_experiment(read_run_folder(before).experiment, source="test"))
+    manifest = json.loads((before / "manifest.json").read_text())
+    (before / "manifest.json").write_text(json.dumps(manifest | {"versions": {"python": "3", "pl_mc": "0.1.0"}}))
+    fields = write_comparison(runs[0], before, tmp_path / "out").comparison.fields
+    assert fields.iloc[0].tolist() == ["methods.1.iterations", "nothing", "10"]
+    with pytest.raises(InputError, match=r"iterations.*10.* before"):
+        require_finished_alike(before, build_experiment(manifest["experiment"], source="test"))
 
 
 def test_runs_of_two_kinds_are_not_compared(tmp_path: Path, runs: tuple[Path, Path]) -> None:

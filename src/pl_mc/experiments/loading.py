@@ -75,10 +75,15 @@ def read_source(which: str) -> ExperimentSource:
     manifest = parsed_json(text, path=path)
     if not isinstance(manifest, dict) or not isinstance(manifest.get("experiment"), dict):
         raise InputError(f"{path}: it is no manifest of a run.")
-    content, versions = manifest["experiment"], manifest.get("versions")
-    if isinstance(versions, dict) and versions.get("pl_mc") == "0.1.0":
-        content = _with_ten_iterations(content)
-    return ExperimentSource(folder_name(manifest.get("name"), source=str(path)), path, "", content)
+    name = folder_name(manifest.get("name"), source=str(path))
+    return ExperimentSource(name, path, "", experiment_of(manifest))
+
+
+def experiment_of(manifest: Mapping[str, Any]) -> Mapping[str, Any]:
+    """The experiment of a manifest, with the defaults of the version that wrote it where today's are others."""
+    versions = manifest.get("versions")
+    first = isinstance(versions, Mapping) and versions.get("pl_mc") == "0.1.0"
+    return _with_ten_iterations(manifest["experiment"]) if first else manifest["experiment"]
 
 
 def _with_ten_iterations(content: Mapping[str, Any]) -> dict[str, Any]:

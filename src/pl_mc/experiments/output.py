@@ -21,7 +21,7 @@ from typing import Any
 from pl_mc.engine import plan
 from pl_mc.engine.noise import LANES
 from pl_mc.engine.part_task import environment
-from pl_mc.experiments.loading import in_this_version
+from pl_mc.experiments.loading import experiment_of, in_this_version
 from pl_mc.input_errors import InputError, shown, system_reason
 from pl_mc.report.run_folder import MANIFEST, changed_fields, earlier_place, read_run_folder
 from pl_mc.runtime.small_files import parsed_json, read_text
@@ -226,7 +226,7 @@ def read_record(folder: Path) -> dict[str, Any]:
 def require_finished_alike(folder: Path, experiment: Experiment) -> None:
     """Raise `InputError` unless the finished run in a folder is of this experiment with these input files."""
     manifest = read_run_folder(folder).manifest
-    before = in_this_version(manifest["experiment"], source=MANIFEST)
+    before = in_this_version(experiment_of(manifest), source=MANIFEST)
     changed = changed_fields(before, experiment.model_dump(mode="json"))
     changed += changed_fields(manifest.get("inputs", {}), input_hashes(experiment))
     if changed:

@@ -10,7 +10,7 @@ from typing import Any
 import pandas as pd
 
 from pl_mc.experiments.field_meanings import meanings_of
-from pl_mc.experiments.loading import build_experiment, in_this_version
+from pl_mc.experiments.loading import build_experiment, experiment_of, in_this_version
 from pl_mc.experiments.output import result_folder
 from pl_mc.experiments.running import RunResult
 from pl_mc.input_errors import InputError
@@ -133,7 +133,7 @@ def write_comparison(first: Path, second: Path, out: Path | None = None) -> Comp
         InputError: folders without a finished run, runs of different kinds, or a place that cannot be written to.
     """
     old, new = (
-        replace(run, experiment=in_this_version(run.experiment, source=MANIFEST))
+        replace(run, experiment=in_this_version(experiment_of(run.manifest), source=MANIFEST))
         for run in map(read_run_folder, (first, second))
     )
     found = compare_runs(old, new)
