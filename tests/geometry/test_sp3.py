@@ -2,12 +2,14 @@
 
 from __future__ import annotations
 
+import bz2
 import gzip
 import re
 from collections.abc import Callable
 from functools import partial
 from pathlib import Path
 
+import ncompress
 import numpy as np
 import pytest
 import sidereon
@@ -15,7 +17,6 @@ from sp3_files import GM_M3_S2, START_GPS_S, TURN_RAD_S, Orbit, changed, constel
 
 import pl_mc
 from pl_mc.experiments.loading import build_experiment
-from pl_mc.geometry import sp3_reader
 from pl_mc.geometry.frames import enu_rotation, geodetic
 from pl_mc.geometry.gps_time import gps_seconds
 from pl_mc.geometry.sites import site_position_m
@@ -354,6 +355,14 @@ def test_other_time_systems_become_gps_time(tmp_path: Path, system: str, ahead_s
         sp3_orbits(tmp_path / "week.sp3", [START_GPS_S + ahead_s - 1], constellations=("GPS",))
 
 
+def test_packed_files_are_the_plain_ones(tmp_path: Path) -> None:
+    plain = sp3_orbits(written(tmp_path, SHORT), MOMENTS, constellations=("GPS",))
+    for name, packed in (("a.Z", ncompress.compress(SHORT.encode())), ("a.bz2", bz2.compress(SHORT.encode()))):
+        (tmp_path / name).write_bytes(packed)
+        read = sp3_orbits(tmp_path / name, MOMENTS, constellations=("GPS",))
+        np.testing.assert_array_equal(read.position_m, plain.position_m)
+
+
 def test_a_library_that_panics_is_a_sentence(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     class Panic(BaseException):
         pass
@@ -361,7 +370,7 @@ def test_a_library_that_panics_is_a_sentence(tmp_path: Path, monkeypatch: pytest
     def panics(source: bytes) -> None:
         raise Panic("index out of bounds")
 
-    monkeypatch.setattr(sp3_reader.sidereon, "load_sp3", panics)
+    monkeypatch.setattr(sidereon, "load_sp3", panics)
     with pytest.raises(InputError, match=r"cannot be read as an SP3 file \(index out of bounds\)"):
         sp3_orbits(written(tmp_path, SHORT), MOMENTS, constellations=("GPS",))
 

@@ -61,7 +61,7 @@ def simulate(
         constellations: names of `pl_mc.geometry.constellations.CONSTELLATIONS`.
         without: satellites that are switched off.
         almanac: a YUMA or SEM file, whose healthy satellites take the place of the nominal GPS.
-        sp3: an SP3 file, plain or gzipped, whose satellites take the place of all nominal ones, at its positions
+        sp3: an SP3 file, plain or packed, whose satellites take the place of all nominal ones, at its positions
             interpolated; not together with an almanac. All epochs lie within those of the file. C01 to C18 are
             BDS-2, C19 to C63 BDS-3. A satellite is out of view at epochs that need a position which the file leaves
             out, gives as 0 or 999999.999999, or marks as one during a manoeuvre, or which lies on no orbit with

@@ -70,8 +70,8 @@ def sp3_orbits(
     """The satellites of an SP3 file at given times.
 
     Args:
-        path: an SP3 file, versions a to d, plain or gzipped, with at least eleven epochs, at most 900 s apart, in
-            any of the time systems of the format.
+        path: an SP3 file, versions a to d, plain or packed (.gz, .Z and others), with at least eleven epochs, at most
+            900 s apart, in any of the time systems of the format.
         time_gps_s: (e,), times from the first to the last epoch of the file, GPS seconds [s].
         constellations: names of `NUMBERS`.
         without: satellites of the file to leave out.

@@ -1,8 +1,8 @@
-"""From an SP3 file on disk to a table of positions (adapter of sidereon).
+"""From an SP3 file on disk to a table of positions.
 
-sidereon reads a file whole or not at all, in silence takes one of two records of a satellite at an epoch, and numbers
-beside their columns. So lines that are no record of SP3 are left out first, each with a note; what sidereon then reads
-is dates, positions, flags and the time system.
+The library reads a file whole or not at all, in silence takes one of two records of a satellite at an epoch, and
+numbers beside their columns. So lines that are no record of SP3 are left out first, each with a note; what it then
+reads is dates, positions, flags and the time system.
 """
 
 from __future__ import annotations
@@ -13,14 +13,13 @@ from collections.abc import Sequence, Set
 from dataclasses import dataclass, field
 from datetime import datetime, timedelta
 from pathlib import Path
-from typing import Any
 
 import numpy as np
-import sidereon
 from numpy.typing import NDArray
 
 from pl_mc.geometry.gps_time import GPS_EPOCH
 from pl_mc.input_errors import InputError
+from pl_mc.runtime import sidereon_adapter as library
 from pl_mc.runtime.unpacking import read_unzipped
 
 # Eleven positions belong to a polynomial of degree ten, which holds millimetres up to a quarter of an hour.
@@ -79,7 +78,7 @@ class _Sieved:
     """Lines that can be read, and what is said of the others.
 
     Attributes:
-        lines: what sidereon gets.
+        lines: what the library gets.
         unread: "line 25" with what stands there, for lines that are no record.
         twice: satellites with two records at an epoch that differ.
         notes: further sentences.
@@ -92,23 +91,21 @@ class _Sieved:
 
 
 def read_sp3(path: Path, letters: Set[str]) -> Sp3Table:
-    """The positions of the systems with these letters in an SP3 file, versions a to d, plain or gzipped.
+    """The positions of the systems with these letters in an SP3 file, versions a to d, plain or packed.
 
     Raises:
         InputError: a file that is missing, of another kind, without a header that can be read, or too short.
     """
     sieved = _sieved(path, _text(path), letters)
     try:
-        product = sidereon.load_sp3("\n".join(sieved.lines).encode())
-        header, seconds = product.header, np.asarray(product.epochs_j2000_seconds, dtype=float)
-    except (KeyboardInterrupt, SystemExit):
-        raise
-    except BaseException as error:  # A panic of the library is no Exception.
-        reason = " ".join(str(error).split()).removeprefix("SP3 parse failed: parse error: ").rstrip(".")
-        raise InputError(f"{path}: it cannot be read as an SP3 file ({reason}).") from None
+        product = library.orbits("\n".join(sieved.lines))
+    except library.Unreadable as error:
+        raise InputError(f"{path}: it cannot be read as an SP3 file ({error}).") from None
+    header, seconds = product.header, np.asarray(product.epochs_j2000_seconds, dtype=float)
     if len(seconds) < NODES:
         raise InputError(f"{path}: it holds {len(seconds)} epochs; interpolation needs at least {NODES}.")
-    times = seconds + _J2000_GPS_S + _offsets_s(header, seconds)
+    behind_s = library.seconds_behind_gps(product, list(_J2000_JULIAN_DATE + seconds / _DAY_S))
+    times = seconds + _J2000_GPS_S + np.array(behind_s)
     interval_s, kept, place = _grid(path, times)
     names = tuple(name for name in product.satellites if name[0] in letters)
     position_m = np.full((len(kept), len(names), 3), np.nan)
@@ -158,8 +155,6 @@ def iso_date(time_gps_s: float) -> str:
 
 def _text(path: Path) -> str:
     content = read_unzipped(path)
-    if content.startswith(b"\x1f\x9d"):
-        raise InputError(f"{path}: .Z files are not read; SP3 comes plain or as .gz.")
     if b"\0" in content:
         raise InputError(f"{path}: it holds binary data and is not an SP3 file.")
     if len(content) > _LARGEST_BYTES:
@@ -257,15 +252,6 @@ def _name(cell: str) -> str:
     if not _NAME.fullmatch(cell) or int(cell[1:]) == 0:
         return ""
     return f"{cell[0].strip() or 'G'}{int(cell[1:]):02d}"
-
-
-def _offsets_s(header: sidereon.Sp3Header, seconds: NDArray[np.float64]) -> NDArray[np.float64]:
-    """GPS time less the time of the file at its epochs [s]."""
-    scales: Any = sidereon.TimeScale
-    # GLO is "the GLONASS UTC time system" in SP3 as in RINEX, without the three hours of Moscow (IGSMAIL-5399).
-    scale = scales.UTC if header.time_system == "GLO" else header.time_scale
-    days = _J2000_JULIAN_DATE + seconds / _DAY_S
-    return np.array([sidereon.timescale_offset_at(scale, scales.GPST, float(day)) for day in days])
 
 
 def _grid(path: Path, times: NDArray[np.float64]) -> tuple[float, list[int], NDArray[np.int64]]:

@@ -20,9 +20,9 @@ from numpy.typing import NDArray
 
 from pl_mc.geometry.gps_time import GPS_EPOCH
 from pl_mc.input_errors import InputError
-from pl_mc.receiver import library
 from pl_mc.receiver.rinex_text import RinexText, label_of, listed, read_rinex_text
 from pl_mc.receiver.signals import SYSTEMS
+from pl_mc.runtime import sidereon_adapter as library
 
 # What the elements of an orbit can be: the reach of their bits, the wider one of GPS and BeiDou, angles up to a turn.
 _TURN = 6.2832

@@ -14,8 +14,8 @@ from dataclasses import dataclass
 from typing import Any, NamedTuple
 
 from pl_mc.input_errors import InputError
-from pl_mc.receiver import library
 from pl_mc.receiver.rinex_text import RinexText, label_of
+from pl_mc.runtime import sidereon_adapter as library
 
 # Header lines that decide what is read; what is wrong with others is nobody's business. The columns and the scale of
 # the values are needed, the others are dropped where they cannot be read.

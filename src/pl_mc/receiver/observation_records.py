@@ -16,10 +16,10 @@ from numpy.typing import NDArray
 from pl_mc.geometry.gps_time import GPS_EPOCH
 from pl_mc.geometry.record import SYSTEM_NAMES
 from pl_mc.input_errors import InputError
-from pl_mc.receiver import library
 from pl_mc.receiver.observation_blocks import COLUMNS, Block, readable
 from pl_mc.receiver.rinex_text import RinexText, label_of, listed, read_rinex_text
 from pl_mc.receiver.signals import SYSTEMS, Signal, signal_of
+from pl_mc.runtime import sidereon_adapter as library
 
 # How far systems of time are behind that of GPS [s]; Galileo and QZSS run with it by design (RINEX 3.05, 4.2).
 _BEHIND_GPS_S = {"GPST": 0.0, "GST": 0.0, "QZSST": 0.0, "BDT": 14.0}

@@ -9,7 +9,7 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from pl_mc.input_errors import InputError, shown
-from pl_mc.receiver import library
+from pl_mc.runtime import sidereon_adapter as library
 from pl_mc.runtime.unpacking import LARGEST_BYTES, read_unzipped
 
 _KINDS = {"O": "observation", "N": "navigation", "M": "meteorological", "C": "clock"}

@@ -1,4 +1,4 @@
-"""The one file that speaks to the library of receiver files (sidereon): text in, its records out.
+"""The one file that speaks to the library of receiver and orbit files (sidereon): text in, its records out.
 
 To exchange the library, rewrite this file. Whatever the library meets in a text, a panic of its compiled code
 included, comes out as `Unreadable`.
@@ -37,6 +37,22 @@ def navigation(text: str) -> Any:
     return _call("parse_rinex_nav_lenient", text)
 
 
+def orbits(text: str) -> Any:
+    """An ``Sp3`` of SP3 text, versions a to d."""
+    return _call("load_sp3", text.encode())
+
+
+def seconds_behind_gps(product: Any, julian_dates: Sequence[float]) -> list[float]:
+    """GPS time less the time that an ``Sp3`` counts in, at Julian dates [s]."""
+    import sidereon
+
+    # GLO is "the GLONASS UTC time system" in SP3 as in RINEX, without the three hours of Moscow (IGSMAIL-5399).
+    header = product.header
+    scales: Any = sidereon.TimeScale
+    scale = scales.UTC if header.time_system == "GLO" else header.time_scale
+    return [sidereon.timescale_offset_at(scale, scales.GPST, float(date)) for date in julian_dates]
+
+
 def codes(header: Any, system: str) -> list[str]:
     """Observation codes of a system letter in a header, column by column; of RINEX 2 by their names in RINEX 3."""
     return list(header.declared_obs_codes(_system(system)))
@@ -55,7 +71,7 @@ def _system(letter: str) -> Any:
     return getattr(sidereon.GnssSystem, SYSTEMS[letter])
 
 
-def _call(name: str, text: str) -> Any:
+def _call(name: str, text: str | bytes) -> Any:
     import sidereon
 
     try:
@@ -64,5 +80,7 @@ def _call(name: str, text: str) -> Any:
         raise
     except BaseException as error:
         # A panic of compiled code is no `Exception`.
-        reason = " ".join(str(error).split()).removeprefix("parse error: ").rstrip(".")
+        reason = (
+            " ".join(str(error).split()).removeprefix("SP3 parse failed: ").removeprefix("parse error: ").rstrip(".")
+        )
         raise Unreadable("".join(c if c.isprintable() else "?" for c in reason)[:_LONGEST_REASON]) from None
