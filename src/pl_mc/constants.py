@@ -11,6 +11,9 @@ EARTH_ROTATION_RAD_S = 7.2921151467e-5
 FREQUENCY_L1_HZ = 1_575.42e6
 FREQUENCY_B1I_HZ = 1_561.098e6
 
+# BeiDou time began on 2006-01-01 without leap seconds, 14 s after GPS time (BDS-SIS-ICD-2.1, 3.3).
+BDT_BEHIND_GPS_S = 14.0
+
 # RTCA DO-229, appendix A.4.4.10: Earth radius and thin-shell height of the ionospheric obliquity factor.
 EARTH_RADIUS_DO229_M = 6_378_136.3
 IONOSPHERE_SHELL_HEIGHT_M = 350_000.0

@@ -21,10 +21,26 @@ from pl_mc.geometry.constellations import Slot
 from pl_mc.geometry.gps_time import gmst_rad
 from pl_mc.input_errors import InputError, require_list, require_numbers, require_true, shown
 
+# A navigation satellite is between 1.9e7 m (medium orbit) and 4.5e7 m (synchronous) from the Earth's centre; what says
+# otherwise is damaged.
+ORBIT_RADIUS_M = (1.9e7, 4.5e7)
+
+# BeiDou: synchronous orbits have a semi-major axis of 42,164 km, medium ones 27,906 km; geostationary ones are
+# inclined by under 10 degrees, the inclined ones by 55 (BDS-SIS-ICD-2.1, section 3.1).
+_SYNCHRONOUS_RADIUS_M = 3.5e7
+_GEO_INCLINATION_RAD = np.radians(20.0)
+
 # Newton steps of Kepler's equation: from the mean anomaly four reach 1e-15 for eccentricities below 0.1, the most
 # that an almanac can hold takes a few more.
 _KEPLER_STEPS = 12
 _LATEST_GPS_S = 3.2e11
+
+
+def bds_orbit(radius_m: float, inclination_rad: float) -> str:
+    """Class of orbit of a BeiDou satellite, as error models know it: BDS-MEO, BDS-IGSO or BDS-GEO."""
+    if radius_m < _SYNCHRONOUS_RADIUS_M:
+        return "BDS-MEO"
+    return "BDS-GEO" if inclination_rad < _GEO_INCLINATION_RAD else "BDS-IGSO"
 
 
 def mean_motion_rad_s(semi_major_axis_m: ArrayLike) -> NDArray[np.float64]:

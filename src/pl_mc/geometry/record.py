@@ -18,6 +18,8 @@ from pl_mc.arrays import ordinary_arithmetic
 from pl_mc.input_errors import InputError, require_numbers, shown
 
 SYSTEM_NAMES = {"G": "GPS", "C": "BeiDou", "E": "Galileo", "R": "GLONASS"}
+# Satellites that the names of a system can number.
+MOST_SATELLITES = {"G": 32, "C": 63, "E": 36, "R": 27}
 
 EAST, NORTH, UP = 0, 1, 2
 POSITION_UNKNOWNS = 3

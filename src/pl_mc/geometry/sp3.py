@@ -20,17 +20,19 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from pl_mc.constants import EARTH_GM_M3_S2, EARTH_ROTATION_RAD_S
+from pl_mc.geometry.orbits import bds_orbit
+from pl_mc.geometry.record import MOST_SATELLITES
 from pl_mc.geometry.sp3_reader import NODES, Sp3Table, iso_date, read_sp3
 from pl_mc.input_errors import InputError, nearest, shown
 
 # System letter and numbers of each constellation. BeiDou-2 and BeiDou-3 share the letter; the numbers to C18 belong
 # to the second generation, those from C19 on to the third.
-NUMBERS = {"GPS": ("G", 1, 32), "GAL": ("E", 1, 36), "BDS-2": ("C", 1, 18), "BDS-3": ("C", 19, 63)}
-
-# Synchronous orbits have a radius of 42,164 km, medium ones of BeiDou 27,906 km; geostationary ones are inclined by
-# under 10 degrees, the inclined ones by 55 (BDS-SIS-ICD-2.1, section 3.1).
-_SYNCHRONOUS_RADIUS_M = 3.5e7
-_GEO_INCLINATION_RAD = np.radians(20.0)
+NUMBERS = {
+    "GPS": ("G", 1, MOST_SATELLITES["G"]),
+    "GAL": ("E", 1, MOST_SATELLITES["E"]),
+    "BDS-2": ("C", 1, 18),
+    "BDS-3": ("C", 19, MOST_SATELLITES["C"]),
+}
 
 # Oblateness: J2 and the radius that belongs to it (WGS 84).
 _J2, _RADIUS_M = 1.0826e-3, 6_378_137.0
@@ -161,10 +163,8 @@ def _class_of_orbit(name: str, still: NDArray[np.float64]) -> str:
         return ""
     if name[0] != "C":
         return {"G": "GPS", "E": "GAL"}[name[0]]
-    if np.nanmedian(np.linalg.norm(still, axis=-1)) < _SYNCHRONOUS_RADIUS_M:
-        return "BDS-MEO"
     inclination = np.arccos(np.clip(np.median(normal[:, 2] / np.linalg.norm(normal, axis=-1)), -1.0, 1.0))
-    return "BDS-GEO" if inclination < _GEO_INCLINATION_RAD else "BDS-IGSO"
+    return bds_orbit(float(np.nanmedian(np.linalg.norm(still, axis=-1))), float(inclination))
 
 
 def _without_outliers(table: Sp3Table, names: Sequence[str], still: NDArray[np.float64]) -> list[str]:

@@ -18,6 +18,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pl_mc.geometry.gps_time import GPS_EPOCH
+from pl_mc.geometry.orbits import ORBIT_RADIUS_M
 from pl_mc.input_errors import InputError
 from pl_mc.runtime import sidereon_adapter as library
 from pl_mc.runtime.unpacking import read_unzipped
@@ -26,9 +27,7 @@ from pl_mc.runtime.unpacking import read_unzipped
 NODES = 11
 _LONGEST_INTERVAL_S = 900.0
 
-# A navigation satellite is between 1.9e7 m (medium orbit) and 4.5e7 m (synchronous) from the Earth's centre. The
-# largest coordinate of an SP3 file stands for none.
-_ORBIT_RADIUS_M = (1.9e7, 4.5e7)
+# The largest coordinate of an SP3 file stands for none.
 _NO_COORDINATE_M = 9.99999e8
 
 _LARGEST_BYTES = 200_000_000
@@ -119,7 +118,7 @@ def read_sp3(path: Path, letters: Set[str]) -> Sp3Table:
             position = np.asarray(state.position_m, dtype=float)
             if np.abs(position).max() >= _NO_COORDINATE_M:
                 continue
-            if state.maneuver or not _ORBIT_RADIUS_M[0] < np.linalg.norm(position) < _ORBIT_RADIUS_M[1]:
+            if state.maneuver or not ORBIT_RADIUS_M[0] < np.linalg.norm(position) < ORBIT_RADIUS_M[1]:
                 where = "" if state.maneuver else f", {np.linalg.norm(position) / 1e3:.0f} km from the Earth's centre"
                 moved += [f"{name} at {iso_date(times[index])}{where}"] if where else []
                 continue

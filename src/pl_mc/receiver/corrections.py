@@ -8,7 +8,7 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from pl_mc.constants import EARTH_ROTATION_RAD_S, SPEED_OF_LIGHT_M_S
+from pl_mc.constants import BDT_BEHIND_GPS_S, EARTH_ROTATION_RAD_S, SPEED_OF_LIGHT_M_S
 
 # Saastamoinen (1972) with the standard atmosphere: sea level, 15 degrees Celsius, lapse 6.5 K/km.
 SEA_LEVEL_PRESSURE_HPA = 1013.25
@@ -21,9 +21,8 @@ TROPOSPHERE_FLOOR_M, TROPOSPHERE_CEILING_M = -100.0, 1e4
 
 SECONDS_PER_DAY = 86_400.0
 
-# BDS-SIS-ICD-2.1, 5.2.4.7: mean radius of the Earth and height of the ionosphere; 3.3: BeiDou time.
+# BDS-SIS-ICD-2.1, 5.2.4.7: mean radius of the Earth and height of the ionosphere.
 BDS_EARTH_RADIUS_M, BDS_SHELL_HEIGHT_M = 6_378_000.0, 375_000.0
-BDT_BEHIND_GPS_S = 14.0
 
 
 def klobuchar_delay_m(

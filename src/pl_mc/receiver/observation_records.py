@@ -13,6 +13,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from pl_mc.constants import BDT_BEHIND_GPS_S
 from pl_mc.geometry.gps_time import GPS_EPOCH
 from pl_mc.geometry.record import SYSTEM_NAMES
 from pl_mc.input_errors import InputError
@@ -22,7 +23,7 @@ from pl_mc.receiver.signals import SYSTEMS, Signal, signal_of
 from pl_mc.runtime import sidereon_adapter as library
 
 # How far systems of time are behind that of GPS [s]; Galileo and QZSS run with it by design (RINEX 3.05, 4.2).
-_BEHIND_GPS_S = {"GPST": 0.0, "GST": 0.0, "QZSST": 0.0, "BDT": 14.0}
+_BEHIND_GPS_S = {"GPST": 0.0, "GST": 0.0, "QZSST": 0.0, "BDT": BDT_BEHIND_GPS_S}
 
 # No header means a coordinate beyond this; the square of a larger one may be no number.
 _FARTHEST_M = 1e9

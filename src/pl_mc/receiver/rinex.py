@@ -5,13 +5,15 @@ from __future__ import annotations
 import os
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
-from datetime import UTC, datetime, timedelta
+from datetime import datetime, timedelta
 from pathlib import Path
 
 import numpy as np
 from numpy.typing import NDArray
 
 from pl_mc.constants import SPEED_OF_LIGHT_M_S
+from pl_mc.geometry.gps_time import GPS_EPOCH
+from pl_mc.geometry.orbits import ORBIT_RADIUS_M, bds_orbit
 from pl_mc.geometry.record import SYSTEM_NAMES
 from pl_mc.input_errors import InputError, require_choice, shown
 from pl_mc.receiver.navigation_records import Ephemeris, Navigation, read_navigation
@@ -23,15 +25,6 @@ SYSTEMS = tuple(dict.fromkeys(signal.system for signal in SIGNALS))
 
 # Where the ionosphere's delay is taken from: the coefficients of the navigation files, or nowhere.
 IONOSPHERES = ("broadcast", "none")
-
-# A navigation satellite is between 1.9e7 m (medium orbit) and 4.5e7 m (synchronous) from the Earth's centre;
-# an ephemeris that says otherwise is damaged.
-_ORBIT_RADIUS_M = (1.9e7, 4.5e7)
-
-# BeiDou: synchronous orbits have a semi-major axis of 42,164 km, medium ones 27,906 km; geostationary ones are
-# inclined by under 10 degrees, the inclined ones by 55 (BDS-SIS-ICD-2.1, section 3.1).
-_SYNCHRONOUS_ROOT_AXIS = np.sqrt(3.5e7)
-_GEO_INCLINATION_RAD = np.radians(20.0)
 
 # What became of each pseudorange.
 _ABSENT, _USABLE, _NO_EPHEMERIS, _UNHEALTHY, _UNPREDICTED = range(5)
@@ -122,7 +115,7 @@ def read_rinex(
     state, position_m, clock_m = _states(time_gps_s, names, pseudorange_m, navigation)
     _require_same_time(observations, navigation, paths, time_gps_s, state, used)
     radius_m = np.linalg.norm(position_m, axis=-1)
-    placed = (radius_m > _ORBIT_RADIUS_M[0]) & (radius_m < _ORBIT_RADIUS_M[1]) & np.isfinite(clock_m)
+    placed = (radius_m > ORBIT_RADIUS_M[0]) & (radius_m < ORBIT_RADIUS_M[1]) & np.isfinite(clock_m)
     model, coefficients = _ionosphere(navigation, paths, ionosphere, used, notes)
     return ReceiverData(
         time_gps_s=time_gps_s,
@@ -156,7 +149,7 @@ def gps_clock(time_gps_s: float) -> str:
 
 
 def _date(time_gps_s: float) -> datetime:
-    return datetime(1980, 1, 6, tzinfo=UTC) + timedelta(seconds=float(time_gps_s))
+    return GPS_EPOCH + timedelta(seconds=float(time_gps_s))
 
 
 def _checked_systems(systems: Sequence[str]) -> tuple[str, ...]:
@@ -333,6 +326,5 @@ def _orbit(ephemerides: Sequence[Ephemeris]) -> str:
     if ephemerides[0].name.startswith("G"):
         return "GPS"
     elements = [one.record.elements for one in ephemerides]
-    if np.median([one.sqrt_a for one in elements]) < _SYNCHRONOUS_ROOT_AXIS:
-        return "BDS-MEO"
-    return "BDS-GEO" if np.median([one.i0 for one in elements]) < _GEO_INCLINATION_RAD else "BDS-IGSO"
+    root_axis = float(np.median([one.sqrt_a for one in elements]))
+    return bds_orbit(root_axis**2, float(np.median([one.i0 for one in elements])))

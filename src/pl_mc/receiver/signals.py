@@ -9,7 +9,8 @@ from __future__ import annotations
 from collections.abc import Mapping
 from dataclasses import dataclass
 
-from pl_mc.constants import FREQUENCY_B1I_HZ, FREQUENCY_L1_HZ
+from pl_mc.constants import BDT_BEHIND_GPS_S, FREQUENCY_B1I_HZ, FREQUENCY_L1_HZ
+from pl_mc.geometry.record import MOST_SATELLITES
 
 
 @dataclass(frozen=True)
@@ -81,8 +82,8 @@ SIGNALS: tuple[Signal, ...] = (
 # BDS-SIS-ICD-2.1, 5.2.4.9. Accuracy: index 14 of GPS ends at 6144 m (IS-GPS-200, 20.3.3.3.1.3), that of BeiDou is
 # 4096 m (BDS-SIS-ICD-2.1, 5.2.4.5); index 15 promises nothing.
 SYSTEMS: Mapping[str, System] = {
-    "G": System(32, ("gps_lnav",), 7200.0, 16.0, 6144.0, 0.0, 0),
-    "C": System(63, ("beidou_d1", "beidou_d2"), 7200.0, 8.0, 4096.0, 14.0, 1356),
+    "G": System(MOST_SATELLITES["G"], ("gps_lnav",), 7200.0, 16.0, 6144.0, 0.0, 0),
+    "C": System(MOST_SATELLITES["C"], ("beidou_d1", "beidou_d2"), 7200.0, 8.0, 4096.0, BDT_BEHIND_GPS_S, 1356),
 }
 
 

@@ -31,13 +31,10 @@ from pl_mc.engine.checks import LARGEST_DRAWS, LARGEST_SEED
 from pl_mc.error_models import ErrorModel, error_model
 from pl_mc.faults import Faults, biases, no_fault, ramps
 from pl_mc.geometry import Geometry, redundancy_numbers, simulate
-from pl_mc.geometry.record import SYSTEM_NAMES
+from pl_mc.geometry.record import MOST_SATELLITES, SYSTEM_NAMES
 from pl_mc.input_errors import InputError, nearest, require_choice, shown
 from pl_mc.methods import Method, as_methods, method
 from pl_mc.noise_models import NoiseModel, noise_model
-
-# Satellites that a system's names can number.
-_MOST_SATELLITES = {"G": 32, "R": 27, "E": 36, "C": 63}
 
 _NUMBERS = (int, float, int | None, float | None)
 
@@ -67,12 +64,6 @@ class Strict(BaseModel):
         if isinstance(value, str) and typing.get_origin(form) is tuple:
             # One name may stand alone, but not several in one word.
             value = (value,)
-        if field == "systems" and isinstance(value, list | tuple):
-            for one in value:
-                if isinstance(one, str) and len(one) > 1 and set(one) <= {*SYSTEM_NAMES, ",", " "}:
-                    letters = [letter for letter in one if letter in SYSTEM_NAMES]
-                    right = f"{','.join(letters)} on the command line, {letters} in a file"
-                    raise PydanticCustomError("systems", f"no system is called {one}; the form is {right}")
         return value
 
 
@@ -133,6 +124,16 @@ class ReceiverFiles(Strict):
     mask_deg: float = Field(default=10.0, ge=0, lt=90)
     error_model: str = "residual"
     error_options: dict[str, Any] = Field(default_factory=dict)
+
+    @field_validator("systems")
+    @classmethod
+    def _letter_by_letter(cls, systems: tuple[str, ...] | None) -> tuple[str, ...] | None:
+        for one in systems or ():
+            if len(one) > 1 and set(one) <= {*SYSTEM_NAMES, ",", " "}:
+                letters = [letter for letter in one if letter in SYSTEM_NAMES]
+                right = f"{','.join(letters)} on the command line, {letters} in a file"
+                raise PydanticCustomError("systems", f"no system is called {one}; the form is {right}")
+        return systems
 
     def model(self) -> ErrorModel:
         """The error model."""
@@ -302,10 +303,8 @@ def epochs_at(g: Geometry, places: NDArray[np.int64]) -> Geometry:
 def require_existing(name: str, g: Geometry) -> None:
     """Raise `InputError` for the name of a satellite that no constellation has: a slip, and not one out of view."""
     found = re.fullmatch(r"([A-Z])(\d\d)", name)
-    if found is None or not 1 <= int(found[2]) <= _MOST_SATELLITES.get(found[1], 0):
-        known = [
-            f"{letter}{k:02d}" for letter in sorted(set(g.systems)) for k in range(1, _MOST_SATELLITES[letter] + 1)
-        ]
+    if found is None or not 1 <= int(found[2]) <= MOST_SATELLITES.get(found[1], 0):
+        known = [f"{letter}{k:02d}" for letter in sorted(set(g.systems)) for k in range(1, MOST_SATELLITES[letter] + 1)]
         raise InputError(f"satellite: {shown(name)} is no satellite that exists ({nearest(name, known)}).")
 
 
