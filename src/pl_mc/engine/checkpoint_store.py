@@ -21,6 +21,7 @@ import pyarrow.parquet as pq
 
 from pl_mc.engine.part_task import ASKED, WHERE, Identity, P, Task, differences, fingerprint, identity_of
 from pl_mc.input_errors import InputError
+from pl_mc.runtime.small_files import parsed_json, read_text
 from pl_mc.runtime.whole_files import write_whole
 
 _KEY = b"pl_mc"
@@ -103,8 +104,8 @@ class CheckpointStore(Generic[P]):
     def _read_record(self) -> Identity | None:
         """What the folder says it is of; nothing where it cannot be read."""
         try:
-            found = json.loads(self._record.read_text(encoding="utf-8"))
-        except (OSError, ValueError, RecursionError):
+            found = parsed_json(read_text(self._record), path=self._record)
+        except (OSError, InputError):
             return None
         sound = isinstance(found, dict) and all(isinstance(section, dict) for section in found.values())
         return found if sound else None

@@ -218,7 +218,7 @@ def read_record(folder: Path) -> dict[str, Any]:
         found = {"name": content["name"], "experiment": dict(content["experiment"])}
         if content.get("sha256", _hash(found)) != _hash(found):
             raise ValueError
-    except (OSError, ValueError, KeyError, TypeError, AttributeError, RecursionError):
+    except (OSError, ValueError, KeyError, TypeError, AttributeError):
         raise InputError(f"{folder}: no record of an unfinished run ({RECORD}) is here, or it is damaged.") from None
     return found
 
