@@ -66,13 +66,14 @@ def main(out: Path) -> None:
             apart = jnp.abs(end.state[:3] - last.state[:3]).max(axis=0) > 0.01
             far = jnp.abs(found.state[:3] - last.state[:3]).max(axis=0) > 0.01
             moving = found.available & (found.change_m > 0.01)
-            rows.append((scheme, name, bias, *(float(jnp.mean(one)) for one in (moving, far & sure, apart & sure))))
+            rows.append((scheme, name, bias, DRAWS, *(int(one.sum()) for one in (moving, far & sure, apart & sure))))
         print(name, bias, flush=True)
-    columns = ["scheme", "fault", "bias_m", "unconverged_rate", "beyond_1_cm_of_its_limit", "other_limit_rate"]
+    columns = ["scheme", "fault", "bias_m", "draws", "unconverged", "beyond_1_cm_of_its_limit", "other_limit"]
     table = pd.DataFrame(rows, columns=columns)
     out.mkdir(parents=True, exist_ok=True)
     table.to_csv(out / "convergence.csv", index=False)
-    print(table.groupby("scheme", sort=False)[columns[3:]].agg(["mean", "max"]).to_string())
+    shares = table[columns[4:]].div(table.draws, axis=0)
+    print(shares.groupby(table.scheme, sort=False).agg(["mean", "max"]).to_string())
 
     counts = [5, 10, 20, 40, 80, None]
     methods = [pl_mc.igg3(iterations=count) for count in counts]

@@ -1,7 +1,7 @@
 """The tests of Guo et al. 2022 against the number of BeiDou satellites: python benchmarks/guo_satellites.py [FOLDER].
 
-The experiment guo2022 every five minutes, with other parts of BeiDou and other elevation masks. Writes rates.csv and
-rates.png; FOLDER is results/guo2022-satellites unless given.
+The experiment guo2022 every five minutes, with other parts of BeiDou and other elevation masks. Writes rates.csv,
+rates.png and rates.svg; FOLDER is results/guo2022-satellites unless given.
 """
 
 from __future__ import annotations
@@ -10,17 +10,17 @@ import sys
 from pathlib import Path
 
 import jax
-import matplotlib as mpl
 import numpy as np
 import pandas as pd
+from matplotlib.figure import Figure
+from matplotlib.ticker import MaxNLocator
 
 from pl_mc.detectors import Chi2, MeanCheck
 from pl_mc.experiments.loading import load_experiment
+from pl_mc.report.figures import in_common_look, legend_below, new_figure, save_figure, series_style
 from pl_mc.statistics.reliability import least_detectable
 from pl_mc.studies.guo.paper import PRINTED
 from pl_mc.studies.guo.series import GuoSeries, day_of_detections
-
-mpl.use("Agg")
 
 GEO = ("C01", "C02", "C03", "C04", "C05", "C59", "C60", "C61")
 BOTH, TWO, THREE = ("GPS", "BDS-2", "BDS-3"), ("GPS", "BDS-2"), ("GPS", "BDS-3")
@@ -38,6 +38,11 @@ PARTS = {
     "BDS-2 without GEO": (TWO, GEO[:5], 10.0),
 }
 TESTS = (Chi2(), MeanCheck(), MeanCheck(one_sided=True), MeanCheck(reading="shared_clock"))
+COLUMNS = [
+    "part", "gps", "bds", "test", "reading", "level", "bias_m", "draws", "detections", "detection_rate", "low", "high",
+]  # fmt: skip
+DRAWN = (("chi2", "apriori"), ("mean_check", "shift_kept"), ("mean_check", "shift_kept, one-sided"))
+LETTER = {"chi2": "F", "mean_check": "T"}
 
 
 def rates(name: str) -> pd.DataFrame:
@@ -68,66 +73,36 @@ def main(out: Path) -> None:
     """Table and figure."""
     jax.config.update("jax_enable_x64", True)
     table = pd.concat([rates(name) for name in PARTS], ignore_index=True).sort_values(["bds", "part"], kind="stable")
-    keep = [
-        "part",
-        "gps",
-        "bds",
-        "test",
-        "reading",
-        "level",
-        "bias_m",
-        "draws",
-        "detections",
-        "detection_rate",
-        "low",
-        "high",
-    ]
-    table = table[table.bias_m > 0][keep]
+    table = table[table.bias_m > 0][COLUMNS]
     out.mkdir(parents=True, exist_ok=True)
     table.to_csv(out / "rates.csv", index=False)
-    print(
-        table[table.level == "nominal"]
-        .pivot_table(index=["bds", "part"], columns=["test", "reading", "bias_m"], values="detection_rate")
-        .round(4)
-        .to_string()
-    )
-    print(
-        table[table.level != "nominal"]
-        .pivot_table(index=["bds", "part"], columns=["test", "reading", "bias_m"], values="detection_rate")
-        .round(4)
-        .to_string()
-    )
+    for _, rows in table.groupby(table.level == "nominal"):
+        wide = rows.pivot_table(index=["bds", "part"], columns=["test", "reading", "bias_m"], values="detection_rate")
+        print(wide.round(4).to_string())
+    save_figure(figure(table), out, "rates")
 
-    from matplotlib import pyplot as plt
 
-    figure, panels = plt.subplots(1, 3, figsize=(11, 3.6), sharey=True, layout="constrained")
+@in_common_look
+def figure(table: pd.DataFrame) -> Figure:
+    """Nominal detection rates against the number of BeiDou satellites; each point is a part of BeiDou of its own."""
+    drawn, panels = new_figure(1, 3, width_in=11.0, height_in=3.8, sharey=True)
+    nominal = table[table.level == "nominal"]
     for panel, bias in zip(panels, (10.0, 20.0, 30.0), strict=True):
-        for test, reading, style in (
-            ("chi2", "apriori", "s-"),
-            ("mean_check", "shift_kept", "o-"),
-            ("mean_check", "shift_kept, one-sided", "^--"),
-        ):
-            rows = table[
-                (table.test == test) & (table.reading == reading) & (table.bias_m == bias) & (table.level == "nominal")
-            ]
-            label = f"{'F' if test == 'chi2' else 'T'} {reading}"
+        for k, (test, reading) in enumerate(DRAWN):
+            rows = nominal[(nominal.test == test) & (nominal.reading == reading) & (nominal.bias_m == bias)]
+            half = 100 * np.array([rows.detection_rate - rows.low, rows.high - rows.detection_rate])
+            style = series_style(k)
             panel.errorbar(
-                rows.bds,
-                100 * rows.detection_rate,
-                100 * np.array([rows.detection_rate - rows.low, rows.high - rows.detection_rate]),
-                fmt=style,
-                ms=4,
-                lw=1,
-                label=label,
-            )
+                rows.bds, 100 * rows.detection_rate, half, fmt=style.marker, color=style.colour, markersize=5,
+                label=f"{LETTER[test]} {reading}",
+            )  # fmt: skip
         for test, line in (("chi2", ":"), ("mean_check", "-.")):
-            panel.axhline(
-                100 * PRINTED[test][bias], color="0.5", ls=line, lw=1, label=f"paper's {'F' if test == 'chi2' else 'T'}"
-            )
+            panel.axhline(100 * PRINTED[test][bias], color="0.4", ls=line, label=f"the paper's {LETTER[test]}")
+        panel.xaxis.set_major_locator(MaxNLocator(integer=True))
         panel.set(title=f"{bias:g} m", xlabel="median number of BeiDou satellites")
-    panels[0].set_ylabel("detected at the nominal threshold [%]")
-    panels[0].legend(fontsize=7)
-    figure.savefig(out / "rates.png", dpi=110)
+    panels[0].set_ylabel("detected at the nominal\nthreshold [%]")
+    legend_below(drawn, panels, columns=5)
+    return drawn
 
 
 if __name__ == "__main__":
