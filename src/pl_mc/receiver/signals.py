@@ -1,7 +1,7 @@
 """The signals that are read from receiver files, one row each; nothing else names a code or a carrier.
 
 Of a system the first row counts. A row for a signal of GPS or BeiDou that they send today works as it stands; a
-system that is not in `SYSTEMS` also needs a row there, and the rules of `pl_mc.receiver.ephemerides`.
+system that is not in `SYSTEMS` also needs a row there, and the rules of `pl_mc.receiver.navigation_records`.
 """
 
 from __future__ import annotations

@@ -53,7 +53,7 @@ def hypothesis_table(drawn: pd.DataFrame) -> pd.DataFrame:
     """Every reading at its nominal threshold beside both lines of the paper's table.
 
     Args:
-        drawn: the table of `pl_mc.studies.guo.series.draws_table`.
+        drawn: the table ``drawn`` of `pl_mc.studies.guo.series.Day`.
 
     Returns:
         One row per reading, line of the paper (``T`` or ``F``) and bias: ``test, reading, line, bias_m, rate``
