@@ -135,6 +135,34 @@ def test_an_interrupt_that_is_swallowed_comes_again() -> None:
     assert signal.getsignal(signal.SIGINT) is signal.default_int_handler
 
 
+def test_an_interrupt_that_comes_while_the_one_before_is_seen_to(monkeypatch: pytest.MonkeyPatch) -> None:
+    """On a busy machine a thread takes so long to start that the next signal finds the hook at work still."""
+    start, slow = threading.Timer.start, [True]
+
+    def slowly(timer: threading.Timer) -> None:
+        start(timer)
+        if slow:
+            slow.clear()
+            end = time.monotonic() + 0.5
+            while time.monotonic() < end:
+                pass
+
+    def interrupted(phase: str, info: dict[str, int]) -> None:
+        if not came:
+            came.append(phase)
+            signal.raise_signal(signal.SIGINT)
+
+    came: list[str] = []
+    monkeypatch.setattr(threading.Timer, "start", slowly)
+    gc.callbacks.append(interrupted)
+    with stoppable():
+        gc.collect()
+        with pytest.raises(KeyboardInterrupt):
+            threading.Event().wait(30)
+    gc.callbacks.remove(interrupted)
+    assert (came, slow) == (["start"], [])
+
+
 def test_an_interrupt_that_a_library_makes_something_else_of(
     monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:

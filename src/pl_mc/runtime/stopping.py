@@ -51,12 +51,18 @@ def stoppable() -> Iterator[Stops]:
     if threading.current_thread() is not main:
         yield stops
         return
-    number, hook = 0, sys.unraisablehook
+    number, hooked, hook = 0, False, sys.unraisablehook
 
     def stop(number: int, frame: FrameType | None) -> None:
         if not stops.number:
             stops.number = number
-            raise KeyboardInterrupt
+            if hooked:
+                later()
+            else:
+                raise KeyboardInterrupt
+
+    def later() -> None:
+        threading.Timer(_AGAIN_S, again).start()
 
     def again() -> None:
         # As if the signal came once more.
@@ -68,22 +74,27 @@ def stoppable() -> Iterator[Stops]:
             signal.raise_signal(number)
 
     def ignored(said: Any) -> None:
-        nonlocal number
-        if stops.number and issubclass(said.exc_type, KeyboardInterrupt):
-            number = stops.number
-            threading.Timer(_AGAIN_S, again).start()
-        else:
+        nonlocal number, hooked
+        if not (stops.number and issubclass(said.exc_type, KeyboardInterrupt)):
             hook(said)
+            return
+        number = stops.number
+        # What is raised in here is lost; on a busy machine a thread may take longer to start than the time it waits.
+        hooked = True
+        try:
+            later()
+        finally:
+            hooked = False
 
     signals = [getattr(signal, name) for name in _NAMES if hasattr(signal, name)]
     before = {one: signal.getsignal(one) for one in signals}
     try:
+        sys.unraisablehook = ignored
         for one, handler in before.items():
             if handler is not signal.SIG_IGN:
                 signal.signal(one, stop)
-        sys.unraisablehook = ignored
         yield stops
     finally:
-        sys.unraisablehook = hook
         for one, handler in before.items():
             signal.signal(one, handler if handler is not None else signal.SIG_DFL)
+        sys.unraisablehook = hook
