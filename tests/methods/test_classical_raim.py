@@ -12,7 +12,7 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from hypothesis import example, given, settings
 from hypothesis import strategies as st
 from scipy import stats
 
@@ -224,6 +224,7 @@ def test_sbas(solved):
 
 
 @given(seed=st.integers(100, 10_000), scale=st.sampled_from([0.1, 3.0]), shift=st.floats(-1e3, 1e3))
+@example(seed=714, scale=3.0, shift=0.0)
 @settings(max_examples=8)
 def test_order_scale_and_truth(seed, scale, shift):
     """Satellites in another order: nothing changes. Metres times a factor: everything in metres goes with it.
@@ -241,8 +242,14 @@ def test_order_scale_and_truth(seed, scale, shift):
             np.testing.assert_array_equal(found.available, known.available)
             np.testing.assert_array_equal(found.rejects, known.rejects)
             # An effect of a metre is found to 1e-12 or so of the 1e3 m that the truth was moved by.
-            np.testing.assert_allclose(found.vpl_m, factor * known.vpl_m, rtol=1e-7)
-            np.testing.assert_allclose(found.hpl_m, factor * known.hpl_m, rtol=1e-7)
+            # Without a satellite a sky may hardly determine a position: rounding grows as the square of its DOP, of
+            # which these levels are ten and more.
+            for name in ("vpl_m", "hpl_m"):
+                level, other_level = getattr(known, name), getattr(found, name) / factor
+                finite = np.isfinite(level)
+                np.testing.assert_array_equal(finite, np.isfinite(other_level))
+                level, other_level = level[finite], other_level[finite]
+                assert np.all(np.abs(other_level / level - 1) <= 1e-7 + 1e-15 * level**2), (of.name, name)
             np.testing.assert_allclose(found.error_m, factor * known.error_m + offset, rtol=1e-7, atol=1e-7)
 
 
