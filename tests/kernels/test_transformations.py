@@ -50,6 +50,22 @@ def test_lanes_are_vmap_are_one_by_one(name):
         jax.tree.map(lambda a, b: np.testing.assert_allclose(a, b, rtol=1e-10, atol=1e-10), found, batch)
 
 
+@pytest.mark.optimised
+@pytest.mark.parametrize("dtype", [np.float32, np.float64])
+def test_a_lane_knows_nothing_of_its_neighbours(dtype):
+    """What has not settled goes on in quarters of a batch, in whatever place: to the last bit the same."""
+    design, sigma, observed = (one.astype(dtype) for one in scenario(256, bias_m=6.0))
+    own = np.random.default_rng(3).permutation(256)
+    far = np.where(np.arange(256)[None] % 3 == 1, dtype(0), observed)
+    function = jax.jit(levels_of)
+    known, moved, beside = (function(design, sigma, one) for one in (observed, observed[:, own], far))
+    jax.tree.map(lambda a, b: np.testing.assert_array_equal(a[..., own], b), known, moved)
+    kept = np.arange(256) % 3 != 1
+    jax.tree.map(lambda a, b: np.testing.assert_array_equal(a[..., kept], b[..., kept]), known, beside)
+    # Some of the first quarter alone, some of every one: with the neighbours' zeros fewer go on.
+    assert known[0].available.all()
+
+
 def test_without_jit_nothing_changes():
     design, sigma, observed = scenario(3)
     with jax.disable_jit():

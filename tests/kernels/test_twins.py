@@ -74,7 +74,12 @@ def test_the_order_of_the_satellites_is_no_matter(counts, seed, single):
     for of, one, other in zip(methods, here, there, strict=True):
         both = np.asarray(one.available & other.available)
         moved = np.abs(np.where(both, one.error_m, 0) - np.where(both, other.error_m, 0)).max(axis=0)
-        odd = (moved > 0.05) | (np.asarray(one.available) != np.asarray(other.available))
+        # What is left of a sky may hardly determine a position; rounding then grows as the square of its DOP, and the
+        # error as its DOP.
+        size = np.abs(np.where(both, other.error_m, 0)).max(axis=0)
+        odd = (moved > 0.05 + (1e-3 * size**2 if single else 0)) | (
+            np.asarray(one.available) != np.asarray(other.available)
+        )
         # A draw that stands between two solutions goes to either by its last bits, in single precision now and then.
         assert odd.sum() <= (LANES // 16 if single else 0), (of.name, moved.max())
 

@@ -10,7 +10,7 @@ Conventions that the paper leaves open:
   ``scale``, ``cofactor`` and ``redundancy``;
 * the iteration starts from least squares, or (``start="huber"``) from five more solutions with Huber's weights;
 * unless ``iterations`` is given, or with ``acceleration`` ``aitken``, some iterates are moved on along their last
-  step;
+  step, and a scenario that has settled before the first of these goes on with the last solution at once;
 * no weight factor falls below ``weight_floor``, which is zero unless given;
 * satellites whose fault-free residuals are correlated by 1 or -1 have one weight, where they are standardised alike;
 * a satellite whose redundancy number is below 1e-10 keeps its weight;
@@ -28,9 +28,9 @@ import numpy as np
 K_V, K_H = 5.33, 6.18
 K0, K1 = 1.5, 5.0
 
-# Solutions of the default; those after which it is moved on, the largest ratio, the
-# farthest of such a move and the smallest step that is followed, in the metric of fitted ranges over their sigma.
-ITERATIONS, FROM, EVERY, RATIO, REACH, SMALLEST = 36, 15, 3, 0.95, 0.25, 1e-6
+# Solutions of the default; those after which it is moved on, the largest ratio, the farthest of such a move and the
+# smallest step that is followed, in the metric of fitted ranges over their sigma; the step of what has settled.
+ITERATIONS, FROM, EVERY, RATIO, REACH, SMALLEST, SETTLED = 36, 15, 3, 0.95, 0.25, 1e-6, 1e-3
 
 
 @dataclass
@@ -133,9 +133,12 @@ def igg3(
         twins &= np.abs(fault_free_r[:, None] - fault_free_r[None]) < 1e-9
 
     accelerated = acceleration == "aitken" if acceleration else iterations is None
-    states, number = [now.x], -{"ls": 0, "huber": 5}[start]
+    states, number, settled = [now.x], -{"ls": 0, "huber": 5}[start], False
     iterations = iterations or ITERATIONS
     for one_weight in [huber_weight] * {"ls": 0, "huber": 5}[start] + [weight] * iterations:
+        number += 1
+        if settled and number < iterations:
+            continue
         if cofactor == "none":
             sigma_v, standardised = sigma, np.ones(n, dtype=bool)
         else:
@@ -157,10 +160,10 @@ def igg3(
         if np.sum(w > 0) < t + 1 or not pivots_suffice(normal, fault_free_pivots):
             return Solution(available=False)
         x = np.linalg.solve(normal, a.T @ p_bar @ observed)
-        number += 1
         step, step_before = x - states[-1], states[-1] - (states[-2] if len(states) > 1 else states[-1])
         states.append(x)
-        if accelerated and FROM <= number < iterations and (number - FROM) % EVERY == 0:
+        settled = settled or (accelerated and number == FROM - 1 and step @ fault_free_normal @ step <= SETTLED**2)
+        if accelerated and not settled and FROM <= number < iterations and (number - FROM) % EVERY == 0:
             # Aitken: along the last step to where steps would lead that shrink as the last two did.
             shared, length, length_before = (
                 step @ fault_free_normal @ step_before,

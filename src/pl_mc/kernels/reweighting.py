@@ -8,7 +8,6 @@ Where the first paper is silent, `IrlsOptions` names the choice.
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from dataclasses import dataclass, replace
 
 import jax
@@ -38,6 +37,10 @@ SETTLED = 36
 # plain iteration; smaller steps may be rounding.
 AITKEN_START, AITKEN_PERIOD, AITKEN_RATIO, AITKEN_REACH, AITKEN_STEP = 15, 3, 0.95, 0.25, 1e-6
 
+# Lanes whose last step before the first extrapolation is shorter than this, in the same measure, have settled and stay;
+# the others go on together, a quarter of the lanes at a time, as many quarters as they need.
+SETTLED_STEP, QUARTERS = 1e-3, 4
+
 # Solutions with Huber's weights before the first one with those of the estimate. They throw nothing out, so five of
 # them take most of a single large error off the good satellites before weights of zero are given.
 HUBER_START = 5
@@ -55,7 +58,8 @@ class IrlsOptions:
         iterations: reweighted solutions after the least-squares one; `SETTLED` of them unless given.
         acceleration: ``none``, or ``aitken``: after 15 solutions every third one is moved on along its last step d,
             to where it would end if steps shrank by a constant ratio r, that of the last two: by r / (1 - r) d
-            (Aitken 1926). It ends at the same solutions sooner. ``aitken`` unless ``iterations`` is given, which
+            (Aitken 1926). It ends at the same solutions sooner; what has settled before the first of these stays, and
+            takes the last solution next. ``aitken`` unless ``iterations`` is given, which
             alone means plain ones.
         scale: what multiplies the standard deviation of a residual: ``posterior_floored`` max(1, m), m the
             unit-weight error of the iterate; ``apriori`` 1; ``posterior`` m; ``mad`` 1.4826 times the median of the
@@ -169,22 +173,17 @@ def reweighted(
     """
     shape, same = start.square_sum.shape, options.cofactor != "fault_free"
     model = replace(model, design=model.twins.design_same if same else model.twins.design)
-    relative = isinstance(options.weight, L1Weight)
-
-    def step(carry: tuple[Iterate, Array], _: None) -> tuple[tuple[Iterate, Array], None]:
-        iterate, weights = carry
-        weights = _weights(model, iterate, weights, options, scale)
-        return (solve_weighted(model, start, weights, iterate.determined, relative=relative)[0], weights), None
 
     # The last solution stands outside the loop, since it alone is asked for its cofactors.
+    plain = AITKEN_START - 1 if options.accelerated else options.solutions - 1
+    on_the_way = _Lanes(start, scale, first, first_weights, tuple(jnp.zeros_like(one) for one in first.shift))
+    on_the_way, _ = jax.lax.scan(lambda lanes, _: (_step(model, lanes, options), None), on_the_way, None, length=plain)
+    before, weights = on_the_way.iterate, on_the_way.weights
     if options.accelerated:
-        (before, weights), _ = jax.lax.scan(step, (first, first_weights), None, length=AITKEN_START - 2)
-        before, weights = _accelerated(model, start, step, before, weights, options.solutions)
-    else:
-        (before, weights), _ = jax.lax.scan(step, (first, first_weights), None, length=options.solutions - 1)
+        before, weights = _settled(model, on_the_way, options)
     weights = _weights(model, before, weights, options, scale)
     last, cofactor = solve_weighted(
-        model, start, weights, before.determined, cofactors=True, relative=relative
+        model, start, weights, before.determined, cofactors=True, relative=_relative(options)
     )  # fmt: skip
 
     kept = _kept(model, weights)
@@ -212,44 +211,89 @@ def reweighted(
     )
 
 
-def _accelerated(
-    model: LinearModel,
-    start: LeastSquaresSolution,
-    step: Callable[[tuple[Iterate, Array], None], tuple[tuple[Iterate, Array], None]],
-    before: Iterate,
-    weights: Array,
-    solutions: int,
-) -> tuple[Iterate, Array]:
-    """The last solution but one, from number `AITKEN_START` - 2, and the weights that produced it."""
+@jax.tree_util.register_dataclass
+@dataclass(frozen=True)
+class _Lanes:
+    """Scenarios in the middle of their iteration, along the last axis of everything.
 
-    def solve(
-        carry: tuple[Iterate, Array, tuple[Array, ...]], number: Array
-    ) -> tuple[tuple[Iterate, Array, tuple[Array, ...]], None]:
-        before, weights, step_before = carry
-        (iterate, weights), _ = step((before, weights), None)
-        last = tuple(now - was for now, was in zip(iterate.shift, before.shift, strict=True))
-        now = (number >= AITKEN_START) & ((number - AITKEN_START) % AITKEN_PERIOD == 0)
-        iterate = jax.lax.cond(
-            now, lambda: _extrapolated(model, start, iterate, weights, last, step_before), lambda: iterate
+    Attributes:
+        start: least squares; scale: a scale that stays, or None.
+        iterate: the last solution; weights: (n, ...), those that produced it; step: t of (...), its change of the
+            state [m].
+    """
+
+    start: LeastSquaresSolution
+    scale: Array | None
+    iterate: Iterate
+    weights: Array
+    step: tuple[Array, ...]
+
+
+def _relative(options: IrlsOptions) -> bool:
+    return isinstance(options.weight, L1Weight)
+
+
+def _step(model: LinearModel, lanes: _Lanes, options: IrlsOptions) -> _Lanes:
+    """One more solution."""
+    before = lanes.iterate
+    weights = _weights(model, before, lanes.weights, options, lanes.scale)
+    iterate, _ = solve_weighted(model, lanes.start, weights, before.determined, relative=_relative(options))
+    step = tuple(now - was for now, was in zip(iterate.shift, before.shift, strict=True))
+    return replace(lanes, iterate=iterate, weights=weights, step=step)
+
+
+def _settled(model: LinearModel, lanes: _Lanes, options: IrlsOptions) -> tuple[Iterate, Array]:
+    """The last solution but one, and the weights that produced it, from solution `AITKEN_START` - 1."""
+    moves = _square_fit(model, lanes.step) > SETTLED_STEP**2
+    there = lanes.iterate, lanes.weights
+
+    def go_on(lanes: _Lanes, moves: Array) -> tuple[Iterate, Array]:
+        ahead = _accelerated(model, lanes, options)
+        return jax.tree.map(
+            lambda new, old: jnp.where(moves, new, old), (ahead.iterate, ahead.weights), (lanes.iterate, lanes.weights)
         )
-        return (iterate, weights, last), None
 
-    numbers = jnp.arange(AITKEN_START - 1, solutions, dtype=jnp.int32)
-    carry = (before, weights, tuple(jnp.zeros_like(one) for one in before.shift))
-    (before, weights, _), _ = jax.lax.scan(solve, carry, numbers)
-    return before, weights
+    if moves.ndim != 1 or moves.size % QUARTERS:
+        return go_on(lanes, moves)
+
+    # Those that move come first, all in their order.
+    count, number = jnp.cumsum(moves), jnp.arange(moves.size)
+    place = jnp.where(moves, count - 1, count[-1] + number - count)
+    order = jnp.zeros_like(number).at[place].set(number, unique_indices=True)
+
+    def quarter(there: tuple[Iterate, Array], chosen: Array) -> tuple[tuple[Iterate, Array], None]:
+        def further() -> tuple[Iterate, Array]:
+            few = jax.tree.map(lambda one: one.at[..., chosen].get(unique_indices=True), lanes)
+            ahead = go_on(few, moves[chosen])
+            return jax.tree.map(lambda one, new: one.at[..., chosen].set(new, unique_indices=True), there, ahead)
+
+        return jax.lax.cond(moves[chosen[0]], further, lambda: there), None
+
+    return jax.lax.scan(quarter, there, order.reshape(QUARTERS, -1))[0]
 
 
-def _extrapolated(
-    model: LinearModel,
-    start: LeastSquaresSolution,
-    iterate: Iterate,
-    weights: Array,
-    last: tuple[Array, ...],
-    step_before: tuple[Array, ...],
-) -> Iterate:
-    """An iterate moved on along its last step; ``weights`` are those that produced it."""
-    fit, fit_before = (product(model.design, jnp.stack(one)) for one in (last, step_before))
+def _accelerated(model: LinearModel, lanes: _Lanes, options: IrlsOptions) -> _Lanes:
+    """From solution `AITKEN_START` - 1 to the last but one."""
+
+    def solve(lanes: _Lanes, number: Array) -> tuple[_Lanes, None]:
+        was = lanes.step
+        lanes = _step(model, lanes, options)
+        now = (number - AITKEN_START) % AITKEN_PERIOD == 0
+        return jax.lax.cond(now, lambda: _extrapolated(model, lanes, was), lambda: lanes), None
+
+    numbers = jnp.arange(AITKEN_START, options.solutions, dtype=jnp.int32)
+    return jax.lax.scan(solve, lanes, numbers)[0]
+
+
+def _square_fit(model: LinearModel, step: tuple[Array, ...]) -> Array:
+    """(...), the square of the length of the change of all fitted ranges by a step, in units of their sigma."""
+    fit = product(model.design, jnp.stack(step))
+    return product(model.mask_row, fit * fit)[0]
+
+
+def _extrapolated(model: LinearModel, lanes: _Lanes, step_before: tuple[Array, ...]) -> _Lanes:
+    """Lanes moved on along their last step."""
+    fit, fit_before = (product(model.design, jnp.stack(one)) for one in (lanes.step, step_before))
     along, square, square_before = (
         product(model.mask_row, one)[0] for one in (fit * fit_before, fit * fit, fit_before * fit_before)
     )
@@ -259,14 +303,10 @@ def _extrapolated(
     # From no move at the smallest step to a whole one at twice that, without a jump, for the sake of gradients.
     whole = jnp.clip(safe_sqrt(square) * (1.0 / AITKEN_STEP) - 1.0, 0.0, 1.0)
     factor = jnp.where(moves, whole * jnp.minimum(ratio / (1.0 - ratio), reach), 0.0)
-    shift = tuple(one + factor * step for one, step in zip(iterate.shift, last, strict=True))
-    residuals = _residuals(model, start, shift)
-    return replace(
-        iterate,
-        residuals=residuals,
-        shift=shift,
-        square_sum=product(model.mask_row, weights * residuals * residuals)[0],
-    )
+    shift = tuple(one + factor * step for one, step in zip(lanes.iterate.shift, lanes.step, strict=True))
+    residuals = _residuals(model, lanes.start, shift)
+    square_sum = product(model.mask_row, lanes.weights * residuals * residuals)[0]
+    return replace(lanes, iterate=replace(lanes.iterate, residuals=residuals, shift=shift, square_sum=square_sum))
 
 
 def _huber_start(
