@@ -355,25 +355,30 @@ def test_a_damaged_record_costs_no_part(
     assert "experiment.json: it was damaged and was written anew." in said_by(capsys, "run", "one.toml", "--resume")
 
 
+@pytest.fixture(scope="module")
+def made(tmp_path_factory: pytest.TempPathFactory) -> dict:
+    """The manifest of a finished run."""
+    folder = tmp_path_factory.mktemp("made")
+    (folder / "one.toml").write_text(EXPERIMENT.replace("40000", "300"))
+    main(("run", str(folder / "one.toml"), "--out", str(folder / "made")))
+    return json.loads((folder / "made" / MANIFEST).read_text())
+
+
 @pytest.mark.parametrize(
     "name", ["/elsewhere/x", "../../x", "..", ".", "", " ", ".hidden", None, 3, ["a"], {"a": 1}, "a\0b", "a\nb",
              "x" * 300, "\ud800", "a\\b"],
 )  # fmt: skip
 def test_the_name_in_a_manifest_is_that_of_one_folder(
-    small: Path, capsys: pytest.CaptureFixture[str], name: object
+    small: Path, made: dict, capsys: pytest.CaptureFixture[str], name: object
 ) -> None:
-    said_by(capsys, "run", "one.toml", "--out", "made")
-    manifest = json.loads((small / "made" / MANIFEST).read_text())
-    (small / "strange.json").write_text(json.dumps(manifest | {"name": name}))
+    (small / "strange.json").write_text(json.dumps(made | {"name": name}))
     assert "name: " in said_by(capsys, "run", "strange.json", code=2)
-    assert sorted(path.name for path in small.iterdir()) == ["made", "one.toml", "strange.json"]
+    assert sorted(path.name for path in small.iterdir()) == ["one.toml", "strange.json"]
 
 
-def test_usual_names_are_taken(small: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    said_by(capsys, "run", "one.toml", "--out", "made")
-    manifest = json.loads((small / "made" / MANIFEST).read_text())
+def test_usual_names_are_taken(small: Path, made: dict, capsys: pytest.CaptureFixture[str]) -> None:
     for name in ("Fälle 2024 (a&b)", "x" * 200, "v1.2"):
-        (small / "usual.json").write_text(json.dumps(manifest | {"name": name}))
+        (small / "usual.json").write_text(json.dumps(made | {"name": name}))
         assert said_by(capsys, "run", "usual.json", "-q") == f"runs/{name}\n"
 
 

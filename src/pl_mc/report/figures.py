@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import functools
 import io
+import re
 from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -15,7 +16,7 @@ from matplotlib.axes import Axes
 from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
-from matplotlib.ticker import LogFormatter
+from matplotlib.ticker import LogFormatter, LogFormatterSciNotation
 from numpy.typing import ArrayLike, NDArray
 from PIL import Image
 
@@ -36,9 +37,9 @@ _LOOK: Any = {
     "axes.titlesize": 10.5,
 }
 
-
-# No axis has more.
-_MOST_TICKS = 400
+# Labels of logarithmic axes as matplotlib makes them: a factor, if any, and an exponent.
+_POWER = re.compile(r"^\$\\mathdefault\{(?:(\S+)\\times ?)?10\^\{([-0-9]+)\}\}\$$")
+_RAISED = str.maketrans("-0123456789", "⁻⁰¹²³⁴⁵⁶⁷⁸⁹")
 
 
 @dataclass(frozen=True)
@@ -198,20 +199,24 @@ def _why(error: Exception) -> str:
     return f"{type(error).__name__}: {' '.join(str(error).split())[:200].rstrip('.')}"
 
 
-def _powers_as_mathematics(figure: Figure) -> None:
-    """The powers of ten of logarithmic axes are set as mathematics; no text of a user is among them."""
-    for axes in figure.axes:
-        for axis in (axes.xaxis, axes.yaxis):
-            if isinstance(axis.get_major_formatter(), LogFormatter):
-                for tick in (*axis.get_major_ticks(_MOST_TICKS), *axis.get_minor_ticks(_MOST_TICKS)):
-                    tick.label1.set_parse_math(True)
-                    tick.label2.set_parse_math(True)
+class _Powers(LogFormatterSciNotation):
+    """Powers of ten in raised digits: nothing on a figure is parsed as mathematics, the names of users least of all."""
+
+    def __call__(self, x: float, pos: int | None = None) -> str:
+        def plain(found: re.Match[str]) -> str:
+            return (f"{found[1]} × " if found[1] else "") + "10" + found[2].translate(_RAISED)
+
+        return _POWER.sub(plain, super().__call__(x, pos))
 
 
 def _save(figure: Figure, folder: Path, name: str) -> None:
     picture = io.BytesIO()
     with mpl.rc_context(_LOOK):
-        _powers_as_mathematics(figure)
+        for axis in (axis for axes in figure.axes for axis in (axes.xaxis, axes.yaxis)):
+            if isinstance(axis.get_major_formatter(), LogFormatter):
+                axis.set_major_formatter(_Powers())
+            if isinstance(axis.get_minor_formatter(), LogFormatter):
+                axis.set_minor_formatter(_Powers(labelOnlyBase=False))
         figure.savefig(picture, dpi=150)
         figure.savefig(folder / f"{name}.svg", metadata={"Date": None, "Creator": None})
     with Image.open(picture) as image:
