@@ -102,10 +102,15 @@ class Compilation:
 COMPILATION = Compilation()
 
 
+def way_of(item: pytest.Item) -> str:
+    """How a test is compiled."""
+    marked = [mark.name for mark in item.iter_markers() if mark.name in OTHERS]
+    return os.environ.get(WAY_VARIABLE) or next(iter(marked), QUICK)
+
+
 @pytest.hookimpl(tryfirst=True)
 def pytest_runtest_setup(item: pytest.Item) -> None:
-    marked = [mark.name for mark in item.iter_markers() if mark.name in OTHERS]
-    COMPILATION.choose(item.path, os.environ.get(WAY_VARIABLE) or next(iter(marked), QUICK))
+    COMPILATION.choose(item.path, way_of(item))
 
 
 # Files by how long they take, longest first: what comes last should be short, so that no process waits for another.
@@ -149,5 +154,7 @@ def pytest_collection_finish() -> None:
 
 
 def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
-    rank = {Path(__file__).parent / name: k for k, name in enumerate(LONGEST)}
-    items.sort(key=lambda item: rank.get(item.path, len(rank)))
+    """Longest files first; in a file what is compiled in one way together, so that it is compiled once."""
+    longest = [Path(__file__).parent / name for name in LONGEST]
+    rank = {path: k for k, path in enumerate(dict.fromkeys([*longest, *(item.path for item in items)]))}
+    items.sort(key=lambda item: (rank[item.path], list(WAYS).index(way_of(item))))

@@ -35,7 +35,6 @@ def scenario(lanes: int, *, bias_m: float = 40.0, seed: int = 0):
     return g.design, g.sigma_m, observed
 
 
-@pytest.mark.optimised
 @pytest.mark.parametrize("name", ["mad_floored"])
 def test_lanes_are_vmap_are_one_by_one(name):
     design, sigma, observed = scenario(12)

@@ -227,7 +227,9 @@ def _describe(classes: tuple[FaultClass, ...]) -> pd.DataFrame:
 
 def _default_options() -> str:
     """``k0 1.5, k1 5, ...``, the options that variants vary."""
-    varied = {name: value for name, value in asdict(Igg3()).items() if not name.startswith("k_")}
+    settled = Igg3().options
+    meant = {"iterations": settled.solutions, "acceleration": "aitken" if settled.accelerated else "none"}
+    varied = {name: value for name, value in (asdict(Igg3()) | meant).items() if not name.startswith("k_")}
     return ", ".join(
         f"{name.replace('_', ' ')} {value:g}" if isinstance(value, float) else f"{name} {value}"
         for name, value in varied.items()
