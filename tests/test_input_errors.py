@@ -39,9 +39,7 @@ BAD = [
     ({"g": G.design}, "geometry: a pl_mc Geometry is needed, not ndarray"),
     ({"alert": 35.0}, "alert: alert limits such as pl_mc.LPV_200 are needed, not float"),
     ({"alert": "LPV200"}, "alert: 'LPV200' is unknown .nearest: LPV-200"),
-    ({"alert": "NPA"}, "alert: 'NPA' is unknown"),
-    ({"alert": pl_mc.alert.NPA}, "alert: NPA has no vertical limit, which decides here"),
-    ({"alert": AlertLimits("mine", 35.0, 10.0)}, "alert.horizontal_m: 10 m would decide nothing: .* not judged yet"),
+    ({"alert": "RNP"}, "alert: 'RNP' is unknown .nearest: NPA, RNP 0.3, RNP 0.1"),
     ({"precision": "float16"}, "precision: 'float16' is unknown .nearest: float"),
 ]
 

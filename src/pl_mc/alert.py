@@ -1,50 +1,81 @@
-"""Alert limits: the error that an operation tolerates without an alert."""
+"""Alert limits: the error that an operation tolerates without an alert, and the axes by which it is judged."""
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 
-from pl_mc.input_errors import InputError, require_choice, require_positive, shown
+from pl_mc.input_errors import InputError, require_choice, require_list, require_positive, shown
 
 # Limits beyond these are slips of the unit, and cannot be computed with.
 _LEAST_M, _MOST_M = 1e-6, 1e9
-# No vertical limit: one that no level reaches.
+
+# In the place of a limit that is missing: one that no level reaches.
 _NONE_M = 1e300
+
+VERTICAL, HORIZONTAL, EITHER = "vertical", "horizontal", "either"
+AXES = (VERTICAL, HORIZONTAL, EITHER)
 
 
 @dataclass(frozen=True)
 class AlertLimits:
-    """Alert limits of one operation.
+    """Alert limits of one operation, one of the two at least.
 
     Attributes:
         name: the operation.
-        vertical_m: vertical alert limit, VAL [m].
-        horizontal_m: horizontal alert limit, HAL [m].
+        vertical_m: vertical alert limit, VAL [m]; None for an operation without one.
+        horizontal_m: horizontal alert limit, HAL [m]; None for an operation without one.
     """
 
     name: str
-    vertical_m: float
-    horizontal_m: float
+    vertical_m: float | None = None
+    horizontal_m: float | None = None
 
     def __post_init__(self) -> None:
         if not isinstance(self.name, str):
             raise InputError(f"alert.name: a word is needed, not {shown(self.name)}.")
         for field in ("vertical_m", "horizontal_m"):
             value = getattr(self, field)
+            if value is None:
+                continue
             rule = f"an alert limit is positive and finite, {_LEAST_M:g} to {_MOST_M:g} m"
             try:
                 limit_m = require_positive(value, field=field)
             except InputError:
                 raise InputError(f"alert.{field}: {rule}, not {shown(value)}.") from None
-            if not (_LEAST_M <= limit_m <= _MOST_M or limit_m == _NONE_M):
+            if not _LEAST_M <= limit_m <= _MOST_M:
                 raise InputError(f"alert.{field}: {rule}, not {limit_m:g}.")
             # Numbers of any type are doubles from here on; a record is frozen.
             object.__setattr__(self, field, limit_m)
+        if self.vertical_m is None and self.horizontal_m is None:
+            raise InputError(f"alert: {self.name} has no limit; vertical_m, horizontal_m or both are needed.")
 
     @property
     def has_vertical(self) -> bool:
-        """Whether the operation has a vertical limit; one without it has a number that no level reaches."""
-        return self.vertical_m < _NONE_M
+        """Whether the operation has a vertical limit."""
+        return self.vertical_m is not None
+
+    @property
+    def val_m(self) -> float:
+        """The vertical limit, or a number that no level reaches [m]."""
+        return _NONE_M if self.vertical_m is None else self.vertical_m
+
+    @property
+    def hal_m(self) -> float:
+        """The horizontal limit, or a number that no level reaches [m]."""
+        return _NONE_M if self.horizontal_m is None else self.horizontal_m
+
+    @property
+    def limit_m(self) -> dict[str, float]:
+        """The limit of each of the two axes that has one [m]."""
+        both = {VERTICAL: self.vertical_m, HORIZONTAL: self.horizontal_m}
+        return {axis: limit for axis, limit in both.items() if limit is not None}
+
+    @property
+    def words(self) -> str:
+        """``VAL 35 m, HAL 40 m``, of the limits that there are."""
+        letters = {VERTICAL: "VAL", HORIZONTAL: "HAL"}
+        return ", ".join(f"{letters[axis]} {limit:g} m" for axis, limit in self.limit_m.items())
 
 
 # ICAO Annex 10, vol. I, table 3.7.2.4-1; read in Li et al. 2020, Satellite Navigation 1:12, table 1. Of the
@@ -57,44 +88,80 @@ CAT_I = AlertLimits("CAT-I", vertical_m=10.0, horizontal_m=40.0)
 # The same table; operations of precision approach down to the runway, and those without vertical guidance.
 CAT_II = AlertLimits("CAT-II", vertical_m=5.3, horizontal_m=17.3)
 CAT_IIIB = AlertLimits("CAT-IIIB", vertical_m=5.2, horizontal_m=15.5)
-NPA = AlertLimits("NPA", vertical_m=_NONE_M, horizontal_m=556.0)
-TERMINAL = AlertLimits("terminal", vertical_m=_NONE_M, horizontal_m=1_850.0)
-EN_ROUTE = AlertLimits("en-route", vertical_m=_NONE_M, horizontal_m=3_700.0)
-OCEANIC = AlertLimits("oceanic", vertical_m=_NONE_M, horizontal_m=7_400.0)
+NPA = AlertLimits("NPA", horizontal_m=556.0)
+TERMINAL = AlertLimits("terminal", horizontal_m=1_850.0)
+EN_ROUTE = AlertLimits("en-route", horizontal_m=3_700.0)
+OCEANIC = AlertLimits("oceanic", horizontal_m=7_400.0)
 
-# Operations that a sweep can decide on by its vertical limit.
+# Required navigation performance: the limit is the number of nautical miles.
+RNP_01 = AlertLimits("RNP 0.1", horizontal_m=185.0)
+RNP_03 = AlertLimits("RNP 0.3", horizontal_m=556.0)
+
+# Operations with a vertical limit, and all of them.
 BY_NAME = {limits.name: limits for limits in (APV_I, LPV_200, APV_II, CAT_I, CAT_II, CAT_IIIB)}
+OPERATIONS = BY_NAME | {limits.name: limits for limits in (NPA, TERMINAL, EN_ROUTE, OCEANIC, RNP_01, RNP_03)}
 
-# All operations, those with a horizontal limit alone included.
-OPERATIONS = BY_NAME | {limits.name: limits for limits in (NPA, TERMINAL, EN_ROUTE, OCEANIC)}
+
+def as_limits(alert: str | AlertLimits) -> AlertLimits:
+    """Alert limits by name (``LPV-200``, ``RNP 0.3``) or as a record; an `InputError` for another name or type."""
+    if isinstance(alert, str):
+        return OPERATIONS[require_choice(alert, OPERATIONS, field="alert")]
+    if not isinstance(alert, AlertLimits):
+        kind = alert.__name__ if isinstance(alert, type) else type(alert).__name__
+        raise InputError(f"alert: alert limits such as pl_mc.LPV_200 are needed, not {kind}.")
+    return alert
 
 
 def as_alert(alert: str | AlertLimits) -> AlertLimits:
     """Alert limits of which the vertical one decides, by name (``LPV-200``) or as a record.
 
     Raises:
-        InputError: another name or type; no vertical limit; a horizontal limit that no operation here has: errors
-            and levels are judged by the vertical limit alone, and one that was chosen would be ignored.
+        InputError: another name or type; no vertical limit; a horizontal limit that no operation here has: it was
+            chosen, and would be ignored.
     """
-    if isinstance(alert, str):
-        return BY_NAME[require_choice(alert, BY_NAME, field="alert")]
-    if not isinstance(alert, AlertLimits):
-        kind = alert.__name__ if isinstance(alert, type) else type(alert).__name__
-        raise InputError(f"alert: alert limits such as pl_mc.LPV_200 are needed, not {kind}.")
-    if not alert.has_vertical:
-        raise InputError(f"alert: {alert.name} has no vertical limit, which decides here (of {', '.join(BY_NAME)}).")
-    known = sorted({one.horizontal_m for one in OPERATIONS.values()})
-    if alert.horizontal_m not in known:
+    limits = as_limits(alert)
+    if not limits.has_vertical:
+        raise InputError(f"alert: {limits.name} has no vertical limit, which decides here (of {', '.join(BY_NAME)}).")
+    known = sorted({one.horizontal_m for one in OPERATIONS.values() if one.horizontal_m is not None})
+    if limits.horizontal_m is not None and limits.horizontal_m not in known:
         raise InputError(
-            f"alert.horizontal_m: {alert.horizontal_m:g} m would decide nothing: horizontal errors and levels are not "
-            f"judged yet, so that only the limits of operations are taken ({', '.join(f'{one:g}' for one in known)})."
+            f"alert.horizontal_m: {limits.horizontal_m:g} m would decide nothing here, where the vertical one decides "
+            f"alone; leave it out, or take that of an operation ({', '.join(f'{one:g}' for one in known)})."
         )
-    return alert
+    return limits
 
 
-def horizontal_note(alert: AlertLimits) -> str:
-    """That the horizontal limit decides nothing, a sentence for tables and summaries."""
+def as_axes(axes: str | Sequence[str] | None, alert: AlertLimits) -> tuple[str, ...]:
+    """The axes by which limits are judged: those asked for, else the vertical where it has a limit.
+
+    Raises:
+        InputError: none, an unknown one, one twice, or one whose limit is missing.
+    """
+    if axes is None:
+        return (VERTICAL,) if alert.has_vertical else (HORIZONTAL,)
+    given = [axes] if isinstance(axes, str) else list(require_list(axes, field="axes", of="axes"))
+    if not given:
+        raise InputError(f"axes: at least one is needed (of {', '.join(AXES)}).")
+    for axis in given:
+        require_choice(axis, AXES, field="axes")
+        for needed in (VERTICAL, HORIZONTAL) if axis == EITHER else (axis,):
+            if needed not in alert.limit_m:
+                raise InputError(
+                    f"axes: {axis} needs a {needed} limit, and {alert.name} has {alert.words} alone; give one, or "
+                    f"take the axis {next(iter(alert.limit_m))}."
+                )
+    if len(set(given)) < len(given):
+        raise InputError("axes: each axis is judged once.")
+    return tuple(given)
+
+
+def unjudged_note(alert: AlertLimits, axes: Sequence[str] = (VERTICAL,)) -> str:
+    """A sentence for tables and summaries: which limit decides nothing; empty where none is left out."""
+    left = [axis for axis in alert.limit_m if axis not in axes and EITHER not in axes]
+    if not left:
+        return ""
+    (axis,), judged = left, next(iter(set(alert.limit_m) - set(left)))
     return (
-        f"The horizontal alert limit of {alert.name}, {alert.horizontal_m:g} m, is not judged: "
-        f"the vertical one, {alert.vertical_m:g} m, decides alone."
+        f"The {axis} alert limit of {alert.name}, {alert.limit_m[axis]:g} m, is not judged: "
+        f"the {judged} one, {alert.limit_m[judged]:g} m, decides alone."
     )

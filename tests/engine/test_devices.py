@@ -12,7 +12,9 @@ import jax
 import numpy as np
 import pytest
 
+from pl_mc.alert import LPV_200
 from pl_mc.engine.core import count_events
+from pl_mc.engine.events import limits_of
 from pl_mc.engine.noise import LANES
 from pl_mc.input_errors import InputError
 from pl_mc.methods import as_methods
@@ -97,8 +99,9 @@ def test_blocks_together_count_as_one_after_the_other():
     @partial(jax.jit, static_argnames=("blocks", "together"))
     def count(first_block, stop, *, blocks: int, together: int) -> jax.Array:
         return count_events(
-            batch, np.uint32(small.SEED), first_block, stop // LANES, stop % LANES, 35.0,
-            methods=as_methods(("ls",)), blocks=blocks, together=together,
+            batch, np.uint32(small.SEED), first_block, stop // LANES, stop % LANES,
+            limits_of(LPV_200, np.float64), methods=as_methods(("ls",)), axes=("vertical",), blocks=blocks,
+            together=together,
         )  # fmt: skip
 
     seen = []

@@ -209,7 +209,7 @@ def test_one_rule_in_python() -> None:
     one, *others = (pl_mc.sweep(g, faults, draws=n, seed=np.uint8(1), methods=m, alert=a) for n, m, a in given)  # type: ignore[arg-type]
     for other in others:
         pd.testing.assert_frame_equal(one, other)
-    assert "is not judged" in one.attrs["horizontal"]
+    assert "is not judged" in one.attrs["unjudged"]
     for date in (
         "2017-11-21",
         np.datetime64("2017-11-21"),

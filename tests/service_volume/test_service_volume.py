@@ -344,7 +344,7 @@ def test_weighted_rates():
 def test_operations_without_a_vertical_limit_ask_for_a_solution():
     assert not OPERATIONS["NPA"].has_vertical
     assert OPERATIONS["LPV-200"].has_vertical
-    assert not np.inf <= OPERATIONS["NPA"].vertical_m
+    assert not np.inf <= OPERATIONS["NPA"].val_m
 
 
 @pytest.mark.parametrize(

@@ -105,16 +105,18 @@ def test_effects_are_the_quadratic_forms(day: Geometry) -> None:
     assert set(zip(effects.epoch_index.tolist(), effects.fault_index.tolist(), strict=True)) == {
         *((k, 0) for k in range(6)), *((k, 1) for k in range(6)), (0, 2), (3, 2), (4, 2), (5, 2), (0, 3),
     }  # fmt: skip
-    for k, f, vertical, spread in zip(*dataclasses.astuple(effects), strict=True):
+    for k, f, vertical, spread, across in zip(*dataclasses.astuple(effects), strict=True):
         single = day[int(k)]
         if k == 5:
             assert np.isnan(vertical)
             assert np.isnan(spread)
+            assert np.isnan(across).all()
             continue
         _, solution, residual = _normal_equations(single)
         bias = np.array([rows[f, day.names.index(name)] for name in single.names])
         assert vertical == pytest.approx(solution[2] @ bias, rel=1e-9, abs=1e-12)
         assert spread == pytest.approx(bias @ residual @ bias, rel=1e-9, abs=1e-6)
+        assert across == pytest.approx(solution[:2] @ bias, rel=1e-9, abs=1e-12)
 
 
 def test_effect_of_one_satellite_is_its_redundancy(appendix_d: Geometry) -> None:

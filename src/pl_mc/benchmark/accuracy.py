@@ -108,7 +108,7 @@ def differences(
 
 
 def disagreements(
-    single: Mapping[str, NumpyOutcome], double: Mapping[str, NumpyOutcome], vertical_m: float = LPV_200.vertical_m
+    single: Mapping[str, NumpyOutcome], double: Mapping[str, NumpyOutcome], vertical_m: float = LPV_200.val_m
 ) -> list[Disagreement]:
     """How often each event happens in one precision alone, on the same observations."""
     rows = []

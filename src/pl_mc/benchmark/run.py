@@ -161,7 +161,7 @@ def _numpy(g: Geometry) -> Contestant:
 
     def run(scenarios: int) -> float:
         draws = scenarios // len(bias_m)
-        return timed(lambda: sweep_numpy(g, bias_m, draws=draws, seed=SEED, vertical_m=LPV_200.vertical_m))
+        return timed(lambda: sweep_numpy(g, bias_m, draws=draws, seed=SEED, vertical_m=LPV_200.val_m))
 
     return Contestant(NUMPY, "float64", 1, 0, unit=_NUMPY_DRAWS * len(bias_m), run=run)
 

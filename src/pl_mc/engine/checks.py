@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from pl_mc.alert import AlertLimits, as_alert
+from pl_mc.alert import AlertLimits, as_alert, as_limits
 from pl_mc.engine.noise import LANES
 from pl_mc.faults import Faults, require_faults
 from pl_mc.geometry.record import Geometry, require_geometry
@@ -17,10 +17,13 @@ LARGEST_SEED = 2**32 - 1
 LARGEST_DRAWS = LANES * 2**30
 
 
-def require_geometry_and_alert(g: Geometry, alert: str | AlertLimits) -> AlertLimits:
-    """The alert limits; an `InputError` unless these are of the right kinds and a single epoch can be solved."""
+def require_geometry_and_alert(g: Geometry, alert: str | AlertLimits, *, any_axis: bool = False) -> AlertLimits:
+    """The alert limits; an `InputError` unless these are of the right kinds and a single epoch can be solved.
+
+    ``any_axis``: limits without a vertical one will do.
+    """
     require_geometry(g)
-    limits = as_alert(alert)
+    limits = as_limits(alert) if any_axis else as_alert(alert)
     if not g.is_series and g.satellite_count < g.unknown_count:
         raise InputError(
             f"geometry: {g.satellite_count} satellites cannot determine {g.unknown_count} unknowns; at least "
@@ -35,9 +38,9 @@ def require_single(g: Geometry, what: str) -> None:
         raise InputError(f"geometry: {what} is made for one epoch; choose one of the {len(g)}, such as g[0].")
 
 
-def require_inputs(g: Geometry, faults: Faults, alert: str | AlertLimits) -> AlertLimits:
+def require_inputs(g: Geometry, faults: Faults, alert: str | AlertLimits, *, any_axis: bool = False) -> AlertLimits:
     """The alert limits; an `InputError` unless all are of the right kinds and belong together."""
-    limits = require_geometry_and_alert(g, alert)
+    limits = require_geometry_and_alert(g, alert, any_axis=any_axis)
     require_faults(faults).require_geometry(g)
     return limits
 

@@ -80,7 +80,7 @@ def require_devices(devices: int | None) -> int:
 
 @functools.cache
 def compiled_count(devices: int) -> Callable[..., Array]:
-    """`count_events` as one compiled function, with static ``methods``, ``blocks`` and ``noise_model``."""
+    """`count_events` as one compiled function, with static ``methods``, ``axes``, ``blocks`` and ``noise_model``."""
     options = compiler_options()
     on_processor = jax.default_backend() == "cpu"
 
@@ -101,4 +101,4 @@ def compiled_count(devices: int) -> Callable[..., Array]:
         return spread(batch, *numbers)
 
     function = one_device if devices == 1 else several_devices
-    return jax.jit(function, static_argnames=("methods", "blocks", "noise_model"), compiler_options=options)
+    return jax.jit(function, static_argnames=("methods", "axes", "blocks", "noise_model"), compiler_options=options)

@@ -52,15 +52,17 @@ def count_events(
     first_block: Array,
     full_blocks: Array,
     remainder: Array,
-    vertical_m: Array,
+    limits_m: Array,
     *,
     methods: tuple[Method, ...],
+    axes: tuple[str, ...],
     blocks: int,
     together: int = 1,
     noise_model: NoiseModel = GAUSSIAN,
 ) -> Array:
-    """(e, f, methods, events), how often each event of `EVENTS` happened in ``blocks`` blocks of noise (int32).
+    """(e, f, rows, events), how often each event of `EVENTS` happened in ``blocks`` blocks of noise (int32).
 
+    There is a row for each method and axis, method by method. ``limits_m`` (2,) are VAL and HAL.
     Blocks below ``full_blocks`` count whole, the block of that number counts its first ``remainder`` draws, later
     ones do not count. ``together`` blocks are taken at a time, side by side: few suit the caches of a processor,
     many fill an accelerator.
@@ -74,19 +76,19 @@ def count_events(
             live = live.astype(model.design.dtype)
 
             def count(outcomes: list[Outcome]) -> Array:
-                seen = jnp.stack([events(outcome, vertical_m) for outcome in outcomes])
+                seen = jnp.stack([events(outcome, limits_m, axis) for outcome in outcomes for axis in axes])
                 # The lanes of a call are fewer than the whole numbers of any precision; this is the fastest sum.
                 return product(seen.astype(live.dtype), live).astype(jnp.int32)
 
             noise = side_by_side(jax.vmap(lambda block: block_noise(model, one, seed, block, noise_model))(group))
-            nothing = jnp.zeros((len(methods), len(EVENTS)), jnp.int32)
+            nothing = jnp.zeros((len(methods) * len(axes), len(EVENTS)), jnp.int32)
             return total + each_outcome(model, prepared, methods, one, noise, count, skipped=nothing), None
 
         # Groups are filled up with a block that does not count.
         groups = -(-blocks // together)
         place = jnp.arange(groups * together, dtype=jnp.int32)
         numbers = jnp.where(place < blocks, first_block + place, full_blocks + 1).reshape(groups, together)
-        none = jnp.zeros((one.bias_m.shape[0], len(methods), len(EVENTS)), jnp.int32)
+        none = jnp.zeros((one.bias_m.shape[0], len(methods) * len(axes), len(EVENTS)), jnp.int32)
         return jax.lax.scan(add_blocks, none, numbers)[0]
 
     return jax.lax.map(count_epoch, batch)

@@ -1,16 +1,23 @@
-"""Events: what is counted in a scenario, from a method's outcome and the vertical alert limit.
+"""Events: what is counted in a scenario, from a method's outcome and the alert limits.
+
+Each axis judges an error by a level and a limit: the vertical one |up error| by VPL and VAL; the horizontal one, of
+length sqrt(east^2 + north^2), by HPL and HAL; ``either`` takes alarm, hazard and exceeded of both together.
 
 ``misleading`` is the literature's misleading information (MI), ``missed`` its hazardously misleading one (HMI).
 """
 
 from __future__ import annotations
 
+import functools
 from dataclasses import dataclass
 
 import jax.numpy as jnp
+import numpy as np
 from jax import Array
+from jax.typing import DTypeLike
 
-from pl_mc.geometry.record import UP
+from pl_mc.alert import EITHER, HORIZONTAL, VERTICAL, AlertLimits
+from pl_mc.geometry.record import EAST, NORTH, UP
 from pl_mc.methods.base import Outcome
 
 # A larger last step of a position component, and the iteration has not settled [m].
@@ -27,10 +34,10 @@ class Event:
 
 
 EVENTS = (
-    Event("alarm", "alarms", "VPL > VAL, or the method's own test rejects, or unavailable"),
-    Event("hazard", "hazards", "|vertical error| > VAL"),
+    Event("alarm", "alarms", "level > limit, or the method's own test rejects, or unavailable"),
+    Event("hazard", "hazards", "error > limit"),
     Event("missed", "missed", "hazard and no alarm"),
-    Event("exceeded", "exceeded", "|vertical error| > VPL, alarm or not"),
+    Event("exceeded", "exceeded", "error > level, alarm or not"),
     Event("misleading", "misleading", "exceeded and no alarm"),
     Event("false_alarm", "false_alarms", "available, alarm, and no hazard"),
     Event("unavailable", "unavailable", "no determined solution; counts as an alarm and as nothing else"),
@@ -39,9 +46,28 @@ EVENTS = (
 )
 
 
-def alarms(outcome: Outcome, vertical_m: Array | float) -> Array:
-    """(...), whether each scenario alarms."""
-    return ~outcome.available | outcome.rejects | (outcome.vpl_m > vertical_m)
+def limits_of(alert: AlertLimits, dtype: DTypeLike) -> Array:
+    """(2,), VAL and HAL; the largest number, which no level reaches, where one is missing."""
+    largest = float(np.finfo(dtype).max)
+    return jnp.asarray([min(alert.val_m, largest), min(alert.hal_m, largest)], dtype)
+
+
+def judged(outcome: Outcome, limits_m: Array, axis: str) -> list[tuple[Array, Array, Array]]:
+    """Error, level and limit of an axis, or of both; ``limits_m`` (2,) are VAL and HAL."""
+    error = outcome.error_m
+    of = {
+        VERTICAL: (jnp.abs(error[UP]), outcome.vpl_m, limits_m[0]),
+        HORIZONTAL: (jnp.hypot(error[EAST], error[NORTH]), outcome.hpl_m, limits_m[1]),
+    }
+    return list(of.values()) if axis == EITHER else [of[axis]]
+
+
+def alarms(outcome: Outcome, limits_m: Array, axis: str = VERTICAL) -> Array:
+    """(...), whether each scenario alarms; ``limits_m`` (2,) are VAL and HAL."""
+    alarm = ~outcome.available | outcome.rejects
+    for _, level, limit in judged(outcome, limits_m, axis):
+        alarm = alarm | (level > limit)
+    return alarm
 
 
 def unconverged(outcome: Outcome) -> Array:
@@ -54,12 +80,12 @@ def tied(outcome: Outcome) -> Array:
     return outcome.available & (False if outcome.tied is None else outcome.tied)
 
 
-def events(outcome: Outcome, vertical_m: Array | float) -> Array:
-    """(events, ...), which of `EVENTS` each scenario is."""
-    error = jnp.abs(outcome.error_m[UP])
-    alarm = alarms(outcome, vertical_m)
-    hazard = outcome.available & (error > vertical_m)
-    exceeded = outcome.available & (error > outcome.vpl_m)
+def events(outcome: Outcome, limits_m: Array, axis: str = VERTICAL) -> Array:
+    """(events, ...), which of `EVENTS` each scenario is; ``limits_m`` (2,) are VAL and HAL."""
+    alarm = alarms(outcome, limits_m, axis)
+    parts = judged(outcome, limits_m, axis)
+    hazard = outcome.available & functools.reduce(jnp.logical_or, [error > limit for error, _, limit in parts])
+    exceeded = outcome.available & functools.reduce(jnp.logical_or, [error > level for error, level, _ in parts])
     return jnp.stack(
         [
             alarm,

@@ -13,12 +13,12 @@ import pandas as pd
 from jax import Array
 from numpy.typing import NDArray
 
-from pl_mc.alert import LPV_200, AlertLimits
+from pl_mc.alert import LPV_200, AlertLimits, as_axes
 from pl_mc.arrays import ordinary_arithmetic
 from pl_mc.engine.calls import Chunk, run_calls
 from pl_mc.engine.checks import LARGEST_DRAWS, LARGEST_SEED, require_errors, require_geometry_and_alert, require_inputs
 from pl_mc.engine.core import block_outcomes
-from pl_mc.engine.events import alarms, tied, unconverged
+from pl_mc.engine.events import alarms, limits_of, tied, unconverged
 from pl_mc.engine.noise import LANES
 from pl_mc.engine.plan import make_plan
 from pl_mc.faults import Faults
@@ -43,6 +43,7 @@ def sample(
     seed: int,
     methods: Sequence[str | Method] = ("ls", "igg3"),
     alert: str | AlertLimits = LPV_200,
+    axis: str | None = None,
     precision: str = "float64",
     noise: str | NoiseModel = GAUSSIAN,
 ) -> pd.DataFrame:
@@ -50,12 +51,14 @@ def sample(
 
     Args:
         g, faults, draws, seed, methods, alert, precision, noise: as for `pl_mc.sweep`.
+        axis: whose alarm is told, one of those of `pl_mc.sweep`.
 
     Returns:
         One row per epoch, fault, method and draw: ``epoch, fault, bias_m, method, draw, east_m, north_m, up_m,
         hpl_m, vpl_m, available, alarm, unconverged, tied``. Numbers are missing where a method is not available.
     """
-    alert = require_inputs(g, faults, alert)
+    alert = require_inputs(g, faults, alert, any_axis=True)
+    (axis,) = as_axes(axis, alert)
     draws = require_whole(draws, field="draws", low=1, high=LARGEST_DRAWS)
     seed = require_whole(seed, field="seed", low=0, high=LARGEST_SEED)
     chosen, shaped = as_methods(methods), as_noise_model(noise, g)
@@ -80,7 +83,7 @@ def sample(
             }
             # Components of the error stand between the fault axis and the lanes.
             moved = replace(outcome, error_m=np.moveaxis(outcome.error_m, 2, 0))
-            parts.append(pd.DataFrame(keys | _columns(moved, alert, (..., *scenario))))
+            parts.append(pd.DataFrame(keys | _columns(moved, alert, axis, (..., *scenario))))
     if not parts:
         return pd.DataFrame(columns=["epoch", "fault", "bias_m", "method", "draw", *OUTCOME_COLUMNS])
     return pd.concat(parts, ignore_index=True)
@@ -93,6 +96,7 @@ def solve(
     *,
     methods: Sequence[str | Method] = ("ls", "igg3"),
     alert: str | AlertLimits = LPV_200,
+    axis: str | None = None,
     precision: str = "float64",
 ) -> pd.DataFrame:
     """What each method says of given pseudorange errors, epoch by epoch, such as those of a real receiver.
@@ -102,13 +106,15 @@ def solve(
         errors_m: (n,) or (epochs, n), observed minus true pseudoranges in the rows of ``g`` [m]. An error that all
             satellites of a system share changes the clock alone.
         methods, alert, precision: as for `pl_mc.sweep`.
+        axis: whose alarm is told, one of those of `pl_mc.sweep`.
 
     Returns:
         One row per epoch and method: ``epoch, time_gps_s, method, satellites, east_m, north_m, up_m, hpl_m, vpl_m,
         available, alarm, unconverged, tied``. Numbers are missing where a method is not available; ``unconverged``
         and ``tied`` are those of `pl_mc.engine.events`.
     """
-    alert = require_geometry_and_alert(g, alert)
+    alert = require_geometry_and_alert(g, alert, any_axis=True)
+    (axis,) = as_axes(axis, alert)
     series, errors = g.as_series(), require_errors(g, errors_m)
     chosen = as_methods(methods)
     dtype = dtype_of(precision)
@@ -126,7 +132,7 @@ def solve(
             "satellites": series.satellite_count,
         }
         moved = replace(outcome, error_m=outcome.error_m.T)
-        parts.append(pd.DataFrame(keys | _columns(moved, alert)))
+        parts.append(pd.DataFrame(keys | _columns(moved, alert, axis)))
     return pd.concat(parts).sort_values("epoch", kind="stable").reset_index(drop=True)
 
 
@@ -142,7 +148,7 @@ def _solve_series(
     return jax.vmap(one_epoch)(design, sigma_m, in_view, errors_m)
 
 
-def _columns(outcome: Outcome, alert: AlertLimits, chosen: tuple = (...,)) -> dict[str, NDArray]:
+def _columns(outcome: Outcome, alert: AlertLimits, axis: str, chosen: tuple = (...,)) -> dict[str, NDArray]:
     """The columns of the scenarios that are chosen by this index, lanes last."""
     outcome = jax.tree.map(lambda values: values[chosen], outcome)
     available = np.asarray(outcome.available)
@@ -152,6 +158,7 @@ def _columns(outcome: Outcome, alert: AlertLimits, chosen: tuple = (...,)) -> di
 
     error = outcome.error_m
     values = [known(v) for v in (error[EAST], error[NORTH], error[UP], outcome.hpl_m, outcome.vpl_m)]
-    flags = (alarms(outcome, alert.vertical_m), unconverged(outcome), tied(outcome))
+    limits = limits_of(alert, np.float64)
+    flags = (alarms(outcome, limits, axis), unconverged(outcome), tied(outcome))
     values += [available, *map(np.asarray, flags)]
     return dict(zip(OUTCOME_COLUMNS, values, strict=True))

@@ -8,7 +8,7 @@ from pathlib import Path
 
 import pandas as pd
 
-from pl_mc.alert import LPV_200, AlertLimits, horizontal_note
+from pl_mc.alert import LPV_200, AlertLimits, as_axes, unjudged_note
 from pl_mc.arrays import ordinary_arithmetic
 from pl_mc.engine.checks import LARGEST_DRAWS, LARGEST_SEED, notes_on_faults, require_inputs
 from pl_mc.engine.execution import Execution, run_task, sweep_engine
@@ -30,6 +30,7 @@ def sweep(
     seed: int,
     methods: Sequence[str | Method] = ("ls", "igg3"),
     alert: str | AlertLimits = LPV_200,
+    axes: str | Sequence[str] | None = None,
     noise: str | NoiseModel = GAUSSIAN,
     precision: str = "float64",
     by_epoch: bool = False,
@@ -49,7 +50,9 @@ def sweep(
         draws: noise draws for each fault at each epoch; every method and every fault sees the same draws.
         seed: chooses the noise, 0 to 2^32 - 1. The same seed gives the same counts.
         methods: names or records of methods.
-        alert: alert limits; the vertical one decides.
+        alert: alert limits, by name or as a record.
+        axes: which of the limits decide, ``vertical``, ``horizontal`` or ``either`` of them, or several of these; the
+            vertical one unless given, the horizontal one where there is no other.
         noise: how errors are distributed, a name or a record of `pl_mc.noise_models`; methods and weights go on
             believing that they have each satellite's sigma.
         precision: ``float64`` or ``float32``. Single precision draws other noise from the same seed, and none
@@ -62,12 +65,14 @@ def sweep(
         progress: whether to show a progress bar; where standard error is a terminal unless given.
 
     Returns:
-        A table with one row per method and fault: ``method, fault, bias_m, epochs, draws``, the counts ``alarms,
+        A table with one row per method, axis and fault: ``method, fault, bias_m, epochs, draws``, the counts ``alarms,
         hazards, missed, exceeded, misleading, false_alarms, unavailable, unconverged, tied`` (defined in
         `pl_mc.engine.events`), and for each of them ``<event>_rate, <event>_low, <event>_high``: count / draws with
-        95 % Clopper-Pearson bounds. For a single epoch, or ``by_epoch``, ``epoch`` stands in front instead of the
+        95 % Clopper-Pearson bounds. A column ``axis`` follows the method where axes were given or the horizontal
+        one decides. For a single epoch, or ``by_epoch``, ``epoch`` stands in front instead of the
         number of ``epochs``. A fault counts at the epochs at which all its satellites are in view;
-        ``table.attrs["notes"]`` says where they are not.
+        ``table.attrs["notes"]`` says where they are not, ``table.attrs["unjudged"]`` which limit decides
+        nothing.
 
     Raises:
         InputError: bad options, faults of another geometry, or a folder that cannot be used.
@@ -81,8 +86,8 @@ def sweep(
         resume=resume, shard=shard, progress=progress,
     )  # fmt: skip
     return run_sweep(
-        g, faults, draws=draws, seed=seed, methods=methods, alert=alert, noise=noise, precision=precision,
-        by_epoch=by_epoch, execution=execution,
+        g, faults, draws=draws, seed=seed, methods=methods, alert=alert, axes=axes, noise=noise,
+        precision=precision, by_epoch=by_epoch, execution=execution,
     )  # fmt: skip
 
 
@@ -95,13 +100,14 @@ def run_sweep(
     seed: int,
     methods: Sequence[str | Method],
     alert: str | AlertLimits,
+    axes: str | Sequence[str] | None = None,
     precision: str,
     noise: str | NoiseModel = GAUSSIAN,
     by_epoch: bool = False,
     execution: Execution,
 ) -> pd.DataFrame:
     """`pl_mc.sweep`, with the way it runs as one record."""
-    alert = require_inputs(g, faults, alert)
+    alert = require_inputs(g, faults, alert, any_axis=True)
     require_truth(by_epoch, field="by_epoch")
     task = SweepTask(
         geometry=g,
@@ -112,6 +118,7 @@ def run_sweep(
         alert=alert,
         precision=str(dtype_of(precision)),
         noise=as_noise_model(noise, g),
+        axes=as_axes(axes, alert),
     )
     single = by_epoch or not g.is_series
     totals: EpochTotals | FaultTotals = EpochTotals.of(task) if single else FaultTotals.of(task)
@@ -124,6 +131,8 @@ def run_sweep(
         else:
             totals.add(task, found)
     table = epoch_table(task, totals) if isinstance(totals, EpochTotals) else fault_table(task, totals)
+    if axes is not None and "axis" not in table:
+        table.insert(table.columns.get_loc("method") + 1, "axis", task.axes[0])
     table.attrs["notes"] = notes
-    table.attrs["horizontal"] = horizontal_note(alert)
+    table.attrs["unjudged"] = unjudged_note(alert, task.axes)
     return table

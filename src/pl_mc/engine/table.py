@@ -9,6 +9,7 @@ import numpy as np
 import pandas as pd
 from numpy.typing import NDArray
 
+from pl_mc.alert import VERTICAL
 from pl_mc.engine.events import EVENTS
 from pl_mc.engine.task import PartCounts, SweepTask
 from pl_mc.statistics.intervals import clopper_pearson, rate_columns, shared_noise_bounds
@@ -20,7 +21,7 @@ COUNT_COLUMNS = ["draws", *(event.count for event in EVENTS)]
 
 @dataclass(frozen=True)
 class FaultTotals:
-    """Sums over epochs, in little memory: counts (f, methods, events) and draws (f,).
+    """Sums over epochs, in little memory: counts (f, rows, events) and draws (f,).
 
     ``fault_index`` is that of the `Plan`; ``counted``: (epochs,), the epochs of which something was counted.
     """
@@ -34,7 +35,7 @@ class FaultTotals:
     def of(cls, task: SweepTask) -> FaultTotals:
         """Nothing counted yet."""
         faults, index = len(task.faults), task.plan.fault_index
-        counts = np.zeros((faults, len(task.methods), len(EVENTS)), dtype=np.int64)
+        counts = np.zeros((faults, task.rows, len(EVENTS)), dtype=np.int64)
         return cls(counts, np.zeros(faults, dtype=np.int64), index, np.zeros(len(index), dtype=bool))
 
     @property
@@ -54,7 +55,7 @@ class FaultTotals:
 
 @dataclass(frozen=True)
 class EpochTotals:
-    """Counts of every epoch: (epochs, width, methods, events), and draws (epochs,)."""
+    """Counts of every epoch: (epochs, width, rows, events), and draws (epochs,)."""
 
     counts: NDArray[np.int64]
     draws: NDArray[np.int64]
@@ -62,7 +63,7 @@ class EpochTotals:
     @classmethod
     def of(cls, task: SweepTask) -> EpochTotals:
         """Nothing counted yet."""
-        shape = (*task.plan.fault_index.shape, len(task.methods), len(EVENTS))
+        shape = (*task.plan.fault_index.shape, task.rows, len(EVENTS))
         return cls(np.zeros(shape, dtype=np.int64), np.zeros(shape[0], dtype=np.int64))
 
     def add(self, task: SweepTask, part: PartCounts) -> None:
@@ -72,42 +73,44 @@ class EpochTotals:
 
 
 def epoch_table(task: SweepTask, totals: EpochTotals) -> pd.DataFrame:
-    """One row per epoch, method and fault."""
-    plan, methods = task.plan, len(task.methods)
+    """One row per epoch, method, axis and fault."""
+    plan, rows = task.plan, task.rows
     place, slot = np.nonzero((plan.fault_index >= 0) & (totals.draws > 0)[:, None])
-    kept = totals.counts[place, slot]  # (rows, methods, events)
-    method = np.tile(np.arange(methods), len(place))
-    fault, place = np.repeat(plan.fault_index[place, slot], methods), np.repeat(place, methods)
+    kept = totals.counts[place, slot]
+    row = np.tile(np.arange(rows), len(place))
+    fault, place = np.repeat(plan.fault_index[place, slot], rows), np.repeat(place, rows)
     columns: dict[str, object] = {
         "epoch": plan.geometry.epoch[plan.epochs[place]],
-        **_names(task, fault, method),
+        **_names(task, fault, row),
         "draws": totals.draws[place],
     }
     table = with_rates(pd.DataFrame(columns | _count_columns(kept)))
     # Epoch by epoch, then method by method, the faults in the order in which they were asked for.
-    return table.iloc[np.lexsort((fault, method, place))].reset_index(drop=True)
+    return table.iloc[np.lexsort((fault, row, place))].reset_index(drop=True)
 
 
 def fault_table(task: SweepTask, totals: FaultTotals) -> pd.DataFrame:
-    """One row per method and fault, summed over the epochs at which it applies; none for faults that never do.
+    """One row per method, axis and fault, summed over the epochs at which it applies; none for faults that never do.
 
     Epochs have noise of their own, so all draws of a fault are independent; the bounds are those of the mean rate
     over its epochs.
     """
     fault = np.flatnonzero(totals.draws)
-    methods = len(task.methods)
+    rows = task.rows
     columns = {
-        **_names(task, np.tile(fault, methods), np.repeat(np.arange(methods), len(fault))),
-        "epochs": np.tile(totals.epochs[fault], methods),
-        "draws": np.tile(totals.draws[fault], methods),
+        **_names(task, np.tile(fault, rows), np.repeat(np.arange(rows), len(fault))),
+        "epochs": np.tile(totals.epochs[fault], rows),
+        "draws": np.tile(totals.draws[fault], rows),
     }
-    kept = np.moveaxis(totals.counts[fault], 1, 0)  # (methods, faults, events)
+    kept = np.moveaxis(totals.counts[fault], 1, 0)  # (rows, faults, events)
     return with_rates(pd.DataFrame(columns | _count_columns(kept)))
 
 
-def _names(task: SweepTask, fault: NDArray[np.int64], method: NDArray[np.int64]) -> dict[str, object]:
+def _names(task: SweepTask, fault: NDArray[np.int64], row: NDArray[np.int64]) -> dict[str, object]:
+    method, axis = np.divmod(row, len(task.axes))
     return {
         "method": np.array([one.name for one in task.methods], dtype=object)[method],
+        **({} if task.axes == (VERTICAL,) else {"axis": np.array(task.axes, dtype=object)[axis]}),
         "fault": np.array(task.faults.labels, dtype=object)[fault],
         "bias_m": task.faults.scalar_bias_m[fault],
     }

@@ -11,17 +11,16 @@ from collections.abc import Callable, Generator, Iterable, Sequence
 from dataclasses import dataclass
 from typing import Any, ClassVar, Protocol
 
-import jax.numpy as jnp
 import numpy as np
 import pandas as pd
 import pyarrow as pa
 from numpy.typing import NDArray
 
-from pl_mc.alert import AlertLimits
+from pl_mc.alert import VERTICAL, AlertLimits
 from pl_mc.engine import plan as cut
 from pl_mc.engine.calls import Chunk, run_calls
 from pl_mc.engine.compiling import compiled_count
-from pl_mc.engine.events import EVENTS
+from pl_mc.engine.events import EVENTS, limits_of
 from pl_mc.engine.noise import LANES
 from pl_mc.engine.part_task import Kind, array_fingerprint
 from pl_mc.engine.plan import Plan, make_plan
@@ -45,7 +44,7 @@ class PartCounts:
         number: the part's number.
         places: (e,), its epochs, as indices into `Plan.epochs`.
         draws: (e,), draws behind the counts of each.
-        counts: (e, width, methods, events), as `Plan.fault_index` orders the faults.
+        counts: (e, width, rows, events), as `Plan.fault_index` orders the faults; the rows are those of `SweepTask`.
     """
 
     number: int
@@ -56,7 +55,10 @@ class PartCounts:
 
 @dataclass(frozen=True, eq=False)
 class SweepTask:
-    """A sweep, checked and ready to run; it can be sent to another process."""
+    """A sweep, checked and ready to run; it can be sent to another process.
+
+    Its ``rows`` are each method by each axis, method by method.
+    """
 
     kind: ClassVar = Kind("sweep", record="_sweep.json", edge="an event", unit="scenarios")
 
@@ -68,6 +70,12 @@ class SweepTask:
     alert: AlertLimits
     precision: str
     noise: NoiseModel = GAUSSIAN
+    axes: tuple[str, ...] = (VERTICAL,)
+
+    @property
+    def rows(self) -> int:
+        """Number of rows, methods by axes."""
+        return len(self.methods) * len(self.axes)
 
     @functools.cached_property
     def plan(self) -> Plan:
@@ -88,14 +96,16 @@ class SweepTask:
             "draws": self.draws,
             "seed": self.seed,
             "methods": [repr(method) for method in self.methods],
-            "vertical alert limit [m]": float(self.alert.vertical_m),
+            "vertical alert limit [m]": self.alert.val_m,
             "precision": self.precision,
             "draws per block": LANES,
             "scenarios per call": cut.SCENARIOS_PER_CALL,
             "calls per part": self.plan.calls_per_part,
         }
-        # What Gaussian sweeps have stored stays theirs: they say nothing of a noise model.
-        return asked if self.noise == GAUSSIAN else asked | {"noise": repr(self.noise)}
+        # What Gaussian sweeps and those of the vertical alone have stored stays theirs: they say nothing of the rest.
+        noise = {} if self.noise == GAUSSIAN else {"noise": repr(self.noise)}
+        judged = {"horizontal alert limit [m]": self.alert.hal_m, "axes": list(self.axes)}
+        return asked | noise | ({} if self.axes == (VERTICAL,) else judged)
 
     def work_of(self, numbers: Sequence[int]) -> tuple[int, float]:
         """Calls that parts take, and scenarios of a call on average: cases of fault and noise, by all methods."""
@@ -103,11 +113,11 @@ class SweepTask:
         return len(cases), sum(cases) / len(cases)
 
     def count(self, chunk: Chunk, *noise: np.int32, devices: int = 1) -> NDArray[np.int32]:
-        """(e, width, methods, events), the counts of one call, as `run_calls` makes it."""
+        """(e, width, rows, events), the counts of one call, as `run_calls` makes it."""
         dtype = dtype_of(self.precision)
         counts = compiled_count(devices)(
-            self.plan.batch(chunk, dtype), np.uint32(self.seed), *noise, jnp.asarray(self.alert.vertical_m, dtype),
-            methods=self.methods, blocks=self.plan.blocks_per_call, noise_model=self.noise,
+            self.plan.batch(chunk, dtype), np.uint32(self.seed), *noise, limits_of(self.alert, dtype),
+            methods=self.methods, axes=self.axes, blocks=self.plan.blocks_per_call, noise_model=self.noise,
         )  # fmt: skip
         return np.asarray(counts)[: chunk.size]
 
@@ -133,19 +143,23 @@ class SweepTask:
             yield self._part(number, gathered)
 
     def part_rows(self, part: PartCounts) -> pa.Table:
-        """A part as a table, one row for each epoch, fault and method."""
+        """A part as a table, one row for each epoch, fault, method and axis; the vertical alone goes without saying."""
         plan, labels = self.plan, self.faults.labels
         place, slot = self._cases(part.places)
         fault = plan.fault_index[part.places[place], slot]
-        names = [method.name for method in self.methods]
-        repeat = len(names)
+        names, judged = [method.name for method in self.methods], list(self.axes)
+        repeat = self.rows
+        of_axis = pd.Categorical.from_codes(np.tile(np.arange(len(judged)), len(place) * len(names)), judged)
         columns: dict[str, object] = {
             "epoch": np.repeat(plan.geometry.epoch[plan.epochs[part.places[place]]], repeat),
             "fault": pd.Categorical.from_codes(np.repeat(fault, repeat), list(labels))
             if len(set(labels)) == len(labels)
             else np.repeat(np.array(labels, dtype=object)[fault], repeat),
             "bias_m": np.repeat(self.faults.scalar_bias_m[fault], repeat),
-            "method": pd.Categorical.from_codes(np.tile(np.arange(repeat), len(place)), names),
+            "method": pd.Categorical.from_codes(
+                np.tile(np.repeat(np.arange(len(names)), len(judged)), len(place)), names
+            ),
+            **({} if self.axes == (VERTICAL,) else {"axis": of_axis}),
             "draws": np.repeat(part.draws[place], repeat),
         }
         flat = part.counts[place, slot].reshape(len(place) * repeat, len(EVENTS))
@@ -166,12 +180,12 @@ class SweepTask:
         expected = self.part_rows(PartCounts(number, places, draws, counts)).to_pandas()
         table = rows.to_pandas()
         whole = all(table[name].dtype == np.int64 for name in _COUNTS)
-        texts = {"fault": str, "method": str}
+        texts = {name: str for name in ("fault", "method", "axis") if name in expected}
         if not whole or not table.drop(columns=_COUNTS).astype(texts).equals(
             expected.drop(columns=_COUNTS).astype(texts)
         ):
             raise ValueError("its rows are not those of the plan")
-        flat = table[_COUNTS].to_numpy(np.int64).reshape(len(place), len(self.methods), len(EVENTS))
+        flat = table[_COUNTS].to_numpy(np.int64).reshape(len(place), self.rows, len(EVENTS))
         least = table.hazards - table.missed + table.false_alarms + table.unavailable
         if (flat < 0).any() or (flat > draws[place][:, None, None]).any() or (table.alarms != least).any():
             raise ValueError("its counts contradict each other")
@@ -185,14 +199,14 @@ class SweepTask:
 
     def _nothing(self, epochs: int) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
         """Draws and counts of a part's epochs before anything is counted."""
-        shape = (epochs, self.plan.fault_index.shape[1], len(self.methods), len(EVENTS))
+        shape = (epochs, self.plan.fault_index.shape[1], self.rows, len(EVENTS))
         return np.zeros(epochs, dtype=np.int64), np.zeros(shape, dtype=np.int64)
 
     def _shape(self, devices: int) -> tuple[object, ...]:
         """What the compiled function depends on."""
         g, plan = self.plan.geometry, self.plan
         sizes = (plan.epochs_per_call, plan.blocks_per_call, plan.fault_index.shape[1], *g.design.shape[1:])
-        return self.methods, self.noise, self.precision, devices, sizes
+        return self.methods, self.axes, self.noise, self.precision, devices, sizes
 
     def _part(self, number: int, gathered: list[tuple[Chunk, NDArray[np.int32]]]) -> PartCounts:
         first, stop = gathered[0][0].first_epoch, gathered[-1][0].stop_epoch

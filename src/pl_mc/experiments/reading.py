@@ -87,7 +87,7 @@ def document_of_files(run: RunFolder, experiment: Experiment) -> Document:
         question=study.asks(experiment),
         answer=answer,
         notes=run.notes,
-        val_m=experiment.alert_limits().vertical_m,
+        val_m=experiment.alert_limits().val_m,
         summary=from_markdown(run.summary),
         tables=tuple(TableEntry(name) for name in run.tables),
         figures=tuple(FigureEntry(name, said, f"{said} {run.title}.") for name, said in captions.items()),

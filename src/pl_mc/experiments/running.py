@@ -105,7 +105,7 @@ def run_experiment(
             kind=kind_of(experiment),
             question=study.asks(experiment),
             answer=study.answer(findings.data, experiment),
-            val_m=experiment.alert_limits().vertical_m,
+            val_m=experiment.alert_limits().val_m,
         )
         seconds = time.perf_counter() - begin
         write_manifest(working, name=name, experiment=experiment, notes=document.notes, seconds=seconds)

@@ -1,9 +1,10 @@
 """Kernels: pure functions from arrays to arrays, for one scenario or many along the last axis."""
 
 from pl_mc.kernels.estimate import Estimate, LeastSquaresSolution, start_from
+from pl_mc.kernels.irls_options import IrlsOptions
 from pl_mc.kernels.levels import ProtectionLevels, protection_levels
 from pl_mc.kernels.linear_model import LinearModel, linear_model
-from pl_mc.kernels.reweighting import IrlsOptions, irls
+from pl_mc.kernels.reweighting import irls
 from pl_mc.kernels.solvers import igg3, least_squares, ls
 from pl_mc.kernels.weights import (
     DanishWeight,

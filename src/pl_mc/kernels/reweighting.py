@@ -2,8 +2,6 @@
 
 Arrays have scenarios along their last axis: (n,) is one scenario, (n, lanes) a batch, and the code is the same. The
 computation runs on whitened residuals of the least-squares solution, so that large observations cost no digits.
-
-Where the first paper is silent, `IrlsOptions` names the choice.
 """
 
 from __future__ import annotations
@@ -14,103 +12,25 @@ import jax
 import jax.numpy as jnp
 from jax import Array
 
-from pl_mc.input_errors import InputError, hold_whole, require_choice, require_number
 from pl_mc.kernels.clock_elimination import eliminate_clocks
 from pl_mc.kernels.estimate import Estimate, LeastSquaresSolution, safe_sqrt
+from pl_mc.kernels.irls_options import AITKEN_START, HUBER_START, IrlsOptions
 from pl_mc.kernels.linear_model import COORDINATES, LinearModel, add_empty, per_lane, product, redundancy_floor
 from pl_mc.kernels.small_matrix import cholesky, eliminate, inverse_columns, lower_triangle
-from pl_mc.kernels.weights import HuberWeight, Igg3Weight, L1Weight, WeightFunction
+from pl_mc.kernels.weights import HuberWeight, L1Weight
 
-SCALES = ("posterior_floored", "apriori", "posterior", "mad", "mad_floored")
-COFACTORS = ("fault_free", "reweighted", "none")
-REDUNDANCIES = ("all", "kept", "weights")
-STARTS = ("ls", "huber")
-ACCELERATIONS = ("none", "aitken")
-
-# Solutions of the default, with Aitken's acceleration: under the worst of 113 single faults 7 of 8,192 draws have not
-# settled to a centimetre (results/zhao2021.md), for which plain iteration takes twice as many.
-SETTLED = 36
-
-# Aitken's acceleration: solutions before the first extrapolation, and from each to the next one; the largest ratio of
+# Aitken's acceleration: solutions from each extrapolation to the next one; the largest ratio of
 # successive steps that it goes by; the farthest that it goes, and the smallest step that it follows, as lengths of the
 # change of all fitted ranges in units of their sigma. Sooner, farther or more often it ends at other fixed points than
 # plain iteration; smaller steps may be rounding.
-AITKEN_START, AITKEN_PERIOD, AITKEN_RATIO, AITKEN_REACH, AITKEN_STEP = 15, 3, 0.95, 0.25, 1e-6
+AITKEN_PERIOD, AITKEN_RATIO, AITKEN_REACH, AITKEN_STEP = 3, 0.95, 0.25, 1e-6
 
 # Lanes whose last step before the first extrapolation is shorter than this, in the same measure, have settled and stay;
 # the others go on together, a quarter of the lanes at a time, as many quarters as they need.
 SETTLED_STEP, QUARTERS = 1e-3, 4
 
-# Solutions with Huber's weights before the first one with those of the estimate. They throw nothing out, so five of
-# them take most of a single large error off the good satellites before weights of zero are given.
-HUBER_START = 5
-
 # The median absolute value of a standard normal variable is 1 / 1.4826.
 MAD_TO_SIGMA = 1.482602218505602
-
-
-@dataclass(frozen=True)
-class IrlsOptions:
-    """The choices of a reweighted estimate.
-
-    Attributes:
-        weight: weight function of the standardised residual.
-        iterations: reweighted solutions after the least-squares one; `SETTLED` of them unless given.
-        acceleration: ``none``, or ``aitken``: after 15 solutions every third one is moved on along its last step d,
-            to where it would end if steps shrank by a constant ratio r, that of the last two: by r / (1 - r) d
-            (Aitken 1926). It ends at the same solutions sooner; what has settled before the first of these stays, and
-            takes the last solution next. ``aitken`` unless ``iterations`` is given, which
-            alone means plain ones.
-        scale: what multiplies the standard deviation of a residual: ``posterior_floored`` max(1, m), m the
-            unit-weight error of the iterate; ``apriori`` 1; ``posterior`` m; ``mad`` 1.4826 times the median of the
-            residuals over their standard deviations; ``mad_floored`` max(1, mad).
-        cofactor: which N gives those standard deviations, sqrt(diag(P^-1 - A N^-1 A')): the ``fault_free`` one, the
-            ``reweighted`` one of the iterate (the fault-free one where it leaves no positive variance), or ``none``
-            for sigma itself.
-        redundancy: what divides the weighted square sum in the unit-weight error of the final solution: ``all``
-            n - t, rejected satellites included; ``kept`` satellites with w > 0, less t; ``weights`` sum w less t.
-        start: what the first weights come from: ``ls`` the residuals of least squares; ``huber`` those of
-            `HUBER_START` solutions after it with Huber's weights (k = 1.345), of the same scale and cofactor. They
-            are solutions more than ``iterations``.
-        weight_floor: the smallest weight factor, below one. With zero satellites can be thrown out; above zero none
-            is.
-    """
-
-    weight: WeightFunction = Igg3Weight()  # noqa: RUF009 (a frozen record)
-    iterations: int | None = None
-    scale: str = "posterior_floored"
-    cofactor: str = "fault_free"
-    redundancy: str = "all"
-    start: str = "ls"
-    weight_floor: float = 0.0
-    acceleration: str | None = None
-
-    def __post_init__(self) -> None:
-        require_choice(self.scale, SCALES, field="scale")
-        require_choice(self.cofactor, COFACTORS, field="cofactor")
-        require_choice(self.redundancy, REDUNDANCIES, field="redundancy")
-        require_choice(self.start, STARTS, field="start")
-        if self.iterations is not None:
-            hold_whole(self, "iterations", low=1)
-        if self.acceleration is not None:
-            require_choice(self.acceleration, ACCELERATIONS, field="acceleration")
-        if self.acceleration == "aitken" and self.solutions <= AITKEN_START:
-            raise InputError(
-                f"acceleration: 'aitken' begins after {AITKEN_START} solutions and does nothing in {self.iterations}; "
-                f"take iterations of at least {AITKEN_START + 1}, or the acceleration 'none'."
-            )
-        if not 0.0 <= require_number(self.weight_floor, field="weight_floor") < 1.0:
-            raise InputError(f"weight_floor: a number from 0 to below 1 is needed, not {self.weight_floor!r}.")
-
-    @property
-    def solutions(self) -> int:
-        """Reweighted solutions after the least-squares one."""
-        return SETTLED if self.iterations is None else self.iterations
-
-    @property
-    def accelerated(self) -> bool:
-        """Whether some of them are extrapolated."""
-        return self.iterations is None if self.acceleration is None else self.acceleration == "aitken"
 
 
 @jax.tree_util.register_dataclass

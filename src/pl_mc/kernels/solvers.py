@@ -11,8 +11,9 @@ from jax.typing import ArrayLike
 
 from pl_mc.input_errors import InputError
 from pl_mc.kernels.estimate import Estimate, LeastSquaresSolution, safe_sqrt, start_from
+from pl_mc.kernels.irls_options import IrlsOptions
 from pl_mc.kernels.linear_model import LinearModel, linear_model, per_lane
-from pl_mc.kernels.reweighting import IrlsOptions, irls
+from pl_mc.kernels.reweighting import irls
 
 
 def ls(design: ArrayLike, sigma_m: ArrayLike, observed_m: ArrayLike, in_view: ArrayLike | None = None) -> Estimate:

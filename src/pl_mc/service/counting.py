@@ -81,7 +81,7 @@ class ServiceCounts:
                 shares = [share for _, share in QUANTILES]
                 self.levels_m[sites, m, part] = np.quantile(flat, shares, axis=1, method="inverted_cdf").T
             for o, limits in enumerate(operations):
-                serves = (hpl <= limits.horizontal_m) & (vpl <= limits.vertical_m)
+                serves = (hpl <= limits.hal_m) & (vpl <= limits.val_m)
                 self.available[sites, m, o] = serves.sum(axis=(1, 2))
                 self.by_epoch[:, m, o] += weight @ serves.mean(axis=2)
                 if self.exact[m]:

@@ -1,8 +1,8 @@
 """Exact alarm, hazard and missed-detection rates of least squares: what a Monte Carlo run must reproduce.
 
 With Gaussian errors of covariance P^-1 and a fault b the position error is independent of the residuals, the
-vertical error is Normal(s.b, VDOP^2) and V'PV is noncentral chi-square, so every rate is a tail or a
-one-dimensional integral.
+vertical error is Normal(s.b, VDOP^2), the horizontal one a Gaussian vector and V'PV is noncentral chi-square, so every
+rate is a tail or an integral over one variable, or over two for the length of the horizontal error.
 """
 
 from __future__ import annotations
@@ -14,13 +14,14 @@ import numpy as np
 import pandas as pd
 from scipy import special
 
-from pl_mc.alert import LPV_200, AlertLimits, as_alert
+from pl_mc.alert import HORIZONTAL, LPV_200, VERTICAL, AlertLimits, as_axes, as_limits
 from pl_mc.arrays import FloatArray, ordinary_arithmetic
-from pl_mc.constants import K_VERTICAL
+from pl_mc.constants import K_HORIZONTAL, K_VERTICAL
 from pl_mc.faults import Faults, require_faults
 from pl_mc.geometry.record import Geometry, require_geometry
 from pl_mc.input_errors import require_choice, require_within
 from pl_mc.statistics.least_squares import fault_effects, ls_quantities
+from pl_mc.statistics.length import LEAST_RATIO, joint_length_exceedance, length_beyond
 from pl_mc.statistics.noncentral import joint_exceedance, split_at_threshold
 from pl_mc.statistics.student import chi2_threshold
 
@@ -34,14 +35,16 @@ def ls_rates(
     faults: Faults,
     *,
     alert: str | AlertLimits = LPV_200,
+    axis: Literal["vertical", "horizontal"] = "vertical",
     k_vertical: float = K_VERTICAL,
+    k_horizontal: float = K_HORIZONTAL,
     alarm: Literal["pl", "chi2"] = "pl",
     p_fa: float = 1e-3,
 ) -> pd.DataFrame:
-    """Exact vertical rates of least squares under each fault.
+    """Exact rates of least squares under each fault.
 
-    VPL = k_vertical sqrt(V'PV / (n - t)) VDOP (Zhao et al. 2021, eqs 15-16). The noise has the sigma that the
-    weights are made from: for noise three times as large give a geometry with three times the sigma.
+    VPL = k_vertical sqrt(V'PV / (n - t)) VDOP, HPL likewise (Zhao et al. 2021, eqs 14-16). The noise has the
+    sigma that the weights are made from: for noise three times as large give a geometry with three times the sigma.
 
     An epoch without redundancy (no more satellites than unknowns, or columns that depend on each other) is
     unavailable: it counts as an alarm (alarm_rate 1) and in nothing else.
@@ -49,21 +52,23 @@ def ls_rates(
     Args:
         g: the geometry, one epoch or a series.
         faults: the faults, made for ``g``; a fault counts where all of its satellites are in view.
-        alert: alert limits; the vertical one, VAL, is used.
-        k_vertical: factor K_V of the protection level.
-        alarm: ``pl``, alarm when VPL > VAL; ``chi2``, alarm when V'PV exceeds its fault-free quantile.
+        alert: alert limits.
+        axis: which of them is used: ``vertical``, or ``horizontal`` for the length of the horizontal error.
+        k_vertical, k_horizontal: factor of the protection level of that axis.
+        alarm: ``pl``, alarm when the level passes the limit; ``chi2``, alarm when V'PV exceeds its fault-free
+            quantile.
         p_fa: fault-free alarm probability of ``chi2``; not used by ``pl``.
 
     Returns:
         One row per epoch and applicable fault, epoch by epoch: ``epoch`` (the geometry's number), ``fault``
         (label), ``bias_m`` (`Faults.scalar_bias_m`) and the probabilities
         ``alarm_rate``: alarm, or unavailable;
-        ``hazard_rate``: |vertical error| > VAL;
+        ``hazard_rate``: error > limit;
         ``missed_rate``: hazard and no alarm;
-        ``misleading_rate``: |vertical error| > VPL and no alarm;
-        ``exceeded_rate``: |vertical error| > VPL, alarm or not;
+        ``misleading_rate``: error > level and no alarm;
+        ``exceeded_rate``: error > level, alarm or not;
         ``false_alarm_rate``: available, alarm, and no hazard.
-        Relative accuracy 1e-8 or better down to 1e-290 (noncentrality up to 1e8).
+        Relative accuracy 1e-8 or better down to 1e-290 (noncentrality up to 1e8), horizontally 1e-6.
 
     Raises:
         InputError: faults of another geometry, an unknown alarm, a factor or probability outside its range.
@@ -71,29 +76,38 @@ def ls_rates(
     require_choice(alarm, (PL_ALARM, CHI2_ALARM), field="alarm")
     require_geometry(g)
     require_faults(faults).require_geometry(g)
-    alert, k_vertical = as_alert(alert), require_within(k_vertical, field="k_vertical", low=1e-9, high=1e100)
+    require_choice(axis, (VERTICAL, HORIZONTAL), field="axis")
+    alert = as_limits(alert)
+    as_axes(axis, alert)
+    name, factor = ("k_vertical", k_vertical) if axis == VERTICAL else ("k_horizontal", k_horizontal)
+    factor, limit_m = require_within(factor, field=name, low=1e-9, high=1e100), alert.limit_m[axis]
     quantities = ls_quantities(g)
     effects = fault_effects(g, faults, quantities)
     series = g.as_series()
 
     available = np.atleast_1d(quantities.available)[effects.epoch_index]
     epoch = effects.epoch_index[available]
-    vdop_m = np.atleast_1d(quantities.vdop_m)[epoch]
+    dop_m = np.atleast_1d(quantities.vdop_m if axis == VERTICAL else quantities.hdop_m)[epoch]
     dof = np.atleast_1d(quantities.dof)[epoch].astype(float)
-    if alarm == PL_ALARM:
-        threshold = dof * (alert.vertical_m / (k_vertical * vdop_m)) ** 2
-    else:
-        threshold = chi2_threshold(dof, p_fa)
+    threshold = chi2_threshold(dof, p_fa) if alarm == CHI2_ALARM else dof * (limit_m / (factor * dop_m)) ** 2
     rates = np.zeros((len(RATE_COLUMNS), available.size))
     rates[0] = 1.0
-    rates[:, available] = error_and_alarm_rates(
-        threshold=threshold,
-        dof=dof,
-        noncentrality=effects.noncentrality[available],
-        slope=k_vertical / np.sqrt(dof),
-        shift=effects.vertical_m[available] / vdop_m,
-        limit=alert.vertical_m / vdop_m,
-    )
+    shared = {"threshold": threshold, "dof": dof, "noncentrality": effects.noncentrality[available]}
+    if axis == VERTICAL:
+        rates[:, available] = error_and_alarm_rates(
+            **shared, slope=factor / np.sqrt(dof), shift=effects.vertical_m[available] / dop_m, limit=limit_m / dop_m
+        )
+    else:
+        # Along the principal axes of the horizontal error, in units of its larger standard deviation.
+        cofactor = quantities.horizontal_cofactor.reshape(-1, 2, 2)[epoch]
+        variance, axes = np.linalg.eigh(cofactor)
+        minor, major = np.einsum("pca,pc->ap", axes, effects.horizontal_m[available])
+        largest_m = np.sqrt(variance[:, 1])
+        rates[:, available] = length_and_alarm_rates(
+            **shared, slope=factor * dop_m / (largest_m * np.sqrt(dof)), limit=limit_m / largest_m,
+            ratio=np.sqrt(np.maximum(variance[:, 0], 0.0)) / largest_m, major=major / largest_m,
+            minor=minor / largest_m,
+        )  # fmt: skip
     return pd.DataFrame(
         {
             "epoch": series.epoch[effects.epoch_index],
@@ -142,6 +156,28 @@ def error_and_alarm_rates(
     hazard = special.ndtr(mean - limit) + special.ndtr(-mean - limit)
     # Both terms in the lower tail, where the normal distribution function keeps its relative accuracy.
     harmless = special.ndtr(limit - mean) - special.ndtr(-limit - mean)
+    misleading = np.minimum(misleading, quiet)
+    exceeded = np.minimum(misleading + exceeded_with_alarm, 1.0)
+    return np.stack([alarmed, hazard, hazard * quiet, misleading, exceeded, alarmed * harmless])
+
+
+def length_and_alarm_rates(
+    *, threshold: FloatArray, dof: FloatArray, noncentrality: FloatArray, slope: FloatArray, limit: FloatArray,
+    ratio: FloatArray, major: FloatArray, minor: FloatArray,
+) -> FloatArray:  # fmt: skip
+    """The rates of `RATE_COLUMNS`, (6, pairs), of the horizontal error, in units of its larger standard deviation.
+
+    Args:
+        threshold, dof, noncentrality, slope, limit: (pairs,), as of `error_and_alarm_rates`.
+        ratio: (pairs,), the smaller standard deviation of the error over the larger one.
+        major, minor: (pairs,), mean error along the two principal axes.
+    """
+    quiet, alarmed = split_at_threshold(threshold, dof, noncentrality)
+    ratio = np.clip(ratio, LEAST_RATIO, 1.0)
+    misleading, exceeded_with_alarm = joint_length_exceedance(
+        threshold, dof, noncentrality, slope, ratio, major, minor
+    )  # fmt: skip
+    harmless, hazard = length_beyond(limit, ratio, major, minor)
     misleading = np.minimum(misleading, quiet)
     exceeded = np.minimum(misleading + exceeded_with_alarm, 1.0)
     return np.stack([alarmed, hazard, hazard * quiet, misleading, exceeded, alarmed * harmless])

@@ -34,6 +34,8 @@ class LsQuantities:
         dof: (...), satellites in view less unknowns, n - t; 0 or negative where nothing is redundant.
         available: (...), whether a position and m = sqrt(V'PV / dof) exist: dof at least 1 and independent columns.
         basis: (..., n, t), orthonormal columns that span P^(1/2) A; zero columns stand for unused unknowns.
+        horizontal_gain: (..., 2, n), the rows of N^-1 A'P for east and north [m/m], as ``gain``.
+        horizontal_cofactor: (..., 2, 2), the same block of N^-1, the covariance of the horizontal error [m^2].
     """
 
     vdop_m: FloatArray
@@ -43,6 +45,8 @@ class LsQuantities:
     dof: NDArray[np.int64]
     available: NDArray[np.bool_]
     basis: FloatArray
+    horizontal_gain: FloatArray
+    horizontal_cofactor: FloatArray
 
 
 @dataclass(frozen=True)
@@ -54,12 +58,14 @@ class FaultEffects:
         fault_index: (pairs,), position of the fault in its `Faults`.
         vertical_m: (pairs,), mean vertical error s.b [m]; NaN where the position is not determined.
         noncentrality: (pairs,), noncentrality of V'PV, b'P(I - A N^-1 A'P)b; NaN likewise.
+        horizontal_m: (pairs, 2), mean east and north error [m]; NaN likewise.
     """
 
     epoch_index: NDArray[np.int64]
     fault_index: NDArray[np.int64]
     vertical_m: FloatArray
     noncentrality: FloatArray
+    horizontal_m: FloatArray
 
 
 @ordinary_arithmetic
@@ -89,22 +95,27 @@ def ls_quantities(g: Geometry) -> LsQuantities:
     determined = used.sum(axis=-1) == unknowns
     dof = seen.sum(axis=-1) - unknowns
     variances = (half**2).sum(axis=-1)
-    gain = np.einsum("...k,...nk->...n", half[..., UP, :], basis) * root_weight
+    gains = np.einsum("...ck,...nk->...cn", half[..., :POSITION_UNKNOWNS, :], basis) * root_weight[..., None, :]
+    gains = np.where(determined[..., None, None], gains, np.nan)
+    flat = half[..., [EAST, NORTH], :]
+    cofactor = flat @ np.swapaxes(flat, -1, -2)
     redundancy = np.where(seen, 1.0 - (basis**2).sum(axis=-1), 0.0)
     return LsQuantities(
         vdop_m=np.where(determined, np.sqrt(variances[..., UP]), np.nan),
         hdop_m=np.where(determined, np.sqrt(variances[..., EAST] + variances[..., NORTH]), np.nan),
-        gain=np.where(determined[..., None], gain, np.nan),
+        gain=gains[..., UP, :],
         redundancy=redundancy,
         dof=np.asarray(dof),
         available=np.asarray(determined & (dof >= 1)),
         basis=basis,
+        horizontal_gain=gains[..., [EAST, NORTH], :],
+        horizontal_cofactor=np.where(determined[..., None, None], cofactor, np.nan),
     )
 
 
 @ordinary_arithmetic
 def fault_effects(g: Geometry, faults: Faults, quantities: LsQuantities | None = None) -> FaultEffects:
-    """Mean vertical error and noncentrality of V'PV under each fault, where all of its satellites are in view.
+    """Mean errors and noncentrality of V'PV under each fault, where all of its satellites are in view.
 
     Args:
         g: the geometry, one epoch or a series.
@@ -126,18 +137,21 @@ def fault_effects(g: Geometry, faults: Faults, quantities: LsQuantities | None =
         raise InputError(f"quantities: those of pl_mc.statistics.ls_quantities are needed, not {shown(quantities)}.")
     rows = series.sigma_m.shape[-1]
     gain = quantities.gain.reshape(-1, rows)
+    sideways = quantities.horizontal_gain.reshape(-1, 2, rows)
     basis = quantities.basis.reshape(len(gain), rows, -1)
     undetermined = np.isnan(quantities.vdop_m).reshape(-1)
     epoch_index, fault_index = np.nonzero(faults.applies(g))
     vertical, spread = np.zeros(epoch_index.size), np.zeros(epoch_index.size)
+    horizontal = np.zeros((epoch_index.size, 2))
     for start in range(0, epoch_index.size, _BLOCK):
         block = slice(start, start + _BLOCK)
         at = epoch_index[block]
         bias = faults.bias_m[fault_index[block, None], series.satellite[at]] * series.in_view[at]
         vertical[block] = (gain[at] * bias).sum(axis=-1)
+        horizontal[block] = np.einsum("pcn,pn->pc", sideways[at], bias)
         scaled = bias / series.sigma_m[at]
         fitted = np.einsum("pnk,pk->pn", basis[at], np.einsum("pnk,pn->pk", basis[at], scaled))
         # The residuals squared, not a difference of squares: a satellite without redundancy has almost none.
         spread[block] = ((scaled - fitted) ** 2).sum(axis=-1)
         spread[block] = np.where(undetermined[at], np.nan, spread[block])
-    return FaultEffects(epoch_index, fault_index, vertical, spread)
+    return FaultEffects(epoch_index, fault_index, vertical, spread, horizontal)

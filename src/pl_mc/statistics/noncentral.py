@@ -20,14 +20,14 @@ from pl_mc.arrays import FloatArray, ordinary_arithmetic
 from pl_mc.input_errors import require_one_shape, require_true
 
 # Beyond this many standard deviations a normal density is below the smallest double.
-_REACH = 40.0
+REACH = 40.0
 # Parts of an integrand below exp(-_DEPTH) of its largest value are left out: 64 bits and a margin for the grid.
 _DEPTH = 60.0
 _GRID_STEPS = 40
 # Each round narrows a stretch up to 20 times; a few are the rule, many serve a level of millions of VDOPs.
 _MOST_ROUNDS = 16
 # Half the width of the step of P(|Z + shift| > slope r), in its own units; outside it is flat or a plain decay.
-_STEP_HALF_WIDTH = 9.0
+STEP_HALF_WIDTH = 9.0
 _PANELS = 8
 _NODES_PER_PANEL = 16
 # Pairs of epoch and fault that are integrated at once: arrays of a few megabytes.
@@ -37,7 +37,7 @@ _BLOCK = 4096
 # others neighbouring doubles are too far apart for an integral over them, or their products overflow.
 _MOST_DOF = 300
 _MOST_NONCENTRALITY = 1e16
-_MOST_SHIFT = 1e9
+MOST_SHIFT = 1e9
 _MOST_SLOPE = 1e150
 
 _SERIES_BELOW = 2.0
@@ -62,7 +62,7 @@ def split_at_threshold(threshold: ArrayLike, dof: ArrayLike, noncentrality: Arra
     Raises:
         InputError: a value outside its range.
     """
-    below, above = _integrate_both_sides(threshold, dof, noncentrality, 0.0, 0.0, with_error=False)
+    below, above = integrate_both_sides(threshold, dof, noncentrality)
     rare_above = above < 0.5
     return np.where(rare_above, 1.0 - above, below), np.where(rare_above, above, 1.0 - below)
 
@@ -89,7 +89,42 @@ def joint_exceedance(
     Raises:
         InputError: a value outside its range.
     """
-    return _integrate_both_sides(threshold, dof, noncentrality, slope, shift, with_error=True)
+    require_slope(slope)
+    require_true(
+        np.abs(shift) <= MOST_SHIFT, field="shift", rule=f"a number of at most {MOST_SHIFT:g} is needed", of=shift
+    )
+    return integrate_both_sides(threshold, dof, noncentrality, _ErrorTail, slope=slope, shift=shift)
+
+
+class Tail:
+    """Logarithm of the probability that an error is beyond slope r, for some rows of problems.
+
+    Attributes:
+        steps: values of r (k, rows) in order, between which the tail falls.
+    """
+
+    steps: FloatArray
+
+    def __call__(self, root: FloatArray, rows: NDArray[np.bool_]) -> FloatArray:
+        """At ``root`` (rows chosen, points)."""
+        raise NotImplementedError
+
+
+class _ErrorTail(Tail):
+    """Of |Z + shift|."""
+
+    def __init__(self, slope: FloatArray, shift: FloatArray) -> None:
+        self.slope, self.mean = slope, np.abs(shift)
+        # Where the error's tail falls it may be much steeper than the density: that part gets its own panels.
+        self.steps = (self.mean + STEP_HALF_WIDTH * np.array([[-1.0], [1.0]])) / slope
+
+    def __call__(self, root: FloatArray, rows: NDArray[np.bool_]) -> FloatArray:
+        return log_tail(self.slope[rows, None] * root, self.mean[rows, None])
+
+
+def log_tail(limit: FloatArray, mean: FloatArray) -> FloatArray:
+    """Logarithm of P(|Z + mean| > limit)."""
+    return np.logaddexp(special.log_ndtr(mean - limit), special.log_ndtr(-mean - limit))
 
 
 def log_density_of_root(root: FloatArray, dof: FloatArray, offset: FloatArray) -> FloatArray:
@@ -139,57 +174,54 @@ def _far(root: FloatArray, dof: FloatArray, offset: FloatArray) -> FloatArray:
     return power - (root - offset) ** 2 / 2.0 + np.log(tail)
 
 
-def _integrate_both_sides(
+def integrate_both_sides(
     threshold: ArrayLike,
     dof: ArrayLike,
     noncentrality: ArrayLike,
-    slope: ArrayLike,
-    shift: ArrayLike,
-    *,
-    with_error: bool,
+    tail: Callable[..., Tail] | None = None,
+    **of_tail: ArrayLike,
 ) -> tuple[FloatArray, FloatArray]:
-    """The integrals below and above the threshold, block by block over the flattened arguments."""
-    arrays = require_one_shape(threshold=threshold, dof=dof, noncentrality=noncentrality, slope=slope, shift=shift)
-    _require_ranges(*arrays[:3], slope=arrays[3] if with_error else np.ones(()), shift=arrays[4])
+    """The integrals below and above the threshold, block by block over the flattened arguments.
+
+    ``tail`` is made of the arrays ``of_tail``; without one the density alone is integrated.
+    """
+    arrays = require_one_shape(threshold=threshold, dof=dof, noncentrality=noncentrality, **of_tail)
+    _require_ranges(*arrays[:3])
     shape = arrays[0].shape
     flat = [value.reshape(-1) for value in arrays]
     sides = np.zeros((2, flat[0].size))
     for start in range(0, flat[0].size, _BLOCK):
         block = slice(start, start + _BLOCK)
-        limit, count, spread, steep, mean = (value[block] for value in flat)
+        limit, count, spread, *others = (value[block] for value in flat)
         limit, offset = np.sqrt(limit), np.sqrt(spread)
-        log_integrand = _log_integrand(count, offset, steep, np.abs(mean), with_error=with_error)
         # sqrt(Y) is within 40 of the offset on the low side, and within 40 + sqrt(dof) on the high side.
-        first = np.maximum(offset - _REACH, 0.0)
-        last = offset + np.sqrt(count) + _REACH
+        first = np.maximum(offset - REACH, 0.0)
+        last = offset + np.sqrt(count) + REACH
         edges = [first, last]
-        if with_error:
-            # Where the error's tail falls it may be much steeper than the density: that part gets its own panels.
-            step = (np.abs(mean) + _STEP_HALF_WIDTH * np.array([[-1.0], [1.0]])) / steep
-            edges[1:1] = list(np.clip(step, first, last))
+        error = None if tail is None else tail(*others)
+        if error is not None:
+            edges[1:1] = list(np.clip(error.steps, first, last))
+        log_integrand = _log_integrand(count, offset, error)
         for low, high in pairwise(edges):
-            sides[0, block] += _integrate(log_integrand, low, np.minimum(limit, high))
-            sides[1, block] += _integrate(log_integrand, np.maximum(limit, low), high)
+            sides[0, block] += integrate(log_integrand, low, np.minimum(limit, high))
+            sides[1, block] += integrate(log_integrand, np.maximum(limit, low), high)
     below, above = sides.reshape(2, *shape)
     return below, above
 
 
 def _log_integrand(
-    dof: FloatArray, offset: FloatArray, slope: FloatArray, shift: FloatArray, *, with_error: bool
+    dof: FloatArray, offset: FloatArray, error: Tail | None
 ) -> Callable[[FloatArray, NDArray[np.bool_]], FloatArray]:
-    """Logarithm of the density of r, times P(|Z + shift| > slope r) where asked; r is (rows chosen, points)."""
+    """Logarithm of the density of r, times the probability of the error beyond it; r is (rows chosen, points)."""
 
     def evaluate(root: FloatArray, rows: NDArray[np.bool_]) -> FloatArray:
         value = log_density_of_root(root, dof[rows, None], offset[rows, None])
-        if with_error:
-            limit, mean = slope[rows, None] * root, shift[rows, None]
-            value = value + np.logaddexp(special.log_ndtr(mean - limit), special.log_ndtr(-mean - limit))
-        return value
+        return value if error is None else value + error(root, rows)
 
     return evaluate
 
 
-def _integrate(
+def integrate(
     log_integrand: Callable[[FloatArray, NDArray[np.bool_]], FloatArray], first: FloatArray, last: FloatArray
 ) -> FloatArray:
     """Integral from ``first`` to ``last`` per row; 0 where the stretch is empty."""
@@ -223,9 +255,7 @@ def _composite_rule() -> tuple[FloatArray, FloatArray]:
     return ((starts + (points + 1.0) / 2.0) / _PANELS).reshape(-1), np.tile(weights / (2.0 * _PANELS), _PANELS)
 
 
-def _require_ranges(
-    threshold: FloatArray, dof: FloatArray, noncentrality: FloatArray, *, slope: FloatArray, shift: FloatArray
-) -> None:
+def _require_ranges(threshold: FloatArray, dof: FloatArray, noncentrality: FloatArray) -> None:
     for name, value, valid, rule in (
         ("threshold", threshold, threshold >= 0.0, "it is not negative"),
         ("dof", dof, (dof >= 1.0) & (dof <= _MOST_DOF), f"degrees of freedom from 1 to {_MOST_DOF} are needed"),
@@ -235,7 +265,11 @@ def _require_ranges(
             (noncentrality >= 0.0) & (noncentrality <= _MOST_NONCENTRALITY),
             f"a number from 0 to {_MOST_NONCENTRALITY:g} is needed",
         ),
-        ("slope", slope, (slope >= 1.0 / _MOST_SLOPE) & (slope <= _MOST_SLOPE), "a positive, finite number is needed"),
-        ("shift", shift, np.abs(shift) <= _MOST_SHIFT, f"a number of at most {_MOST_SHIFT:g} is needed"),
     ):
         require_true(valid, field=name, rule=rule, of=value)
+
+
+def require_slope(slope: ArrayLike) -> None:
+    value = np.asarray(slope)
+    valid = (value >= 1.0 / _MOST_SLOPE) & (value <= _MOST_SLOPE)
+    require_true(valid, field="slope", rule="a positive, finite number is needed", of=value)

@@ -8,7 +8,7 @@ from typing import Any, Protocol
 
 import pandas as pd
 
-from pl_mc.alert import horizontal_note
+from pl_mc.alert import unjudged_note
 from pl_mc.engine import Execution
 from pl_mc.geometry import Geometry
 from pl_mc.input_errors import InputError
@@ -91,7 +91,7 @@ class Study:
     def found(self, experiment: Any, execution: Execution) -> Findings:
         """What a run finds, with what it does not judge among its notes."""
         findings = self.run(experiment, execution)
-        further = () if self.horizontal else (horizontal_note(experiment.alert_limits()),)
+        further = () if self.horizontal else tuple(filter(None, [unjudged_note(experiment.alert_limits())]))
         return replace(findings, notes=(*findings.notes, *further))
 
     def asks(self, experiment: Experiment) -> str:

@@ -130,7 +130,7 @@ def time_to_alert(
         )
     ramp_m = unit_ramp_m(rows, satellite, onset)
     with precision_scope("float64"):
-        plan = pass_plan(tests, rows, noise, ramp_m, onset, alert.vertical_m)
+        plan = pass_plan(tests, rows, noise, ramp_m, onset, alert.val_m)
     free, last = (Cut(epoch_count=1, draws=n, epochs_per_call=1, blocks_per_call=1) for n in (calibration_draws, draws))
     with progress_bar(total=2 * free.blocks + last.blocks, what="Passes", show=progress) as advance:
 

@@ -125,7 +125,7 @@ def _root_of(risk: Callable[[float], float], target: float) -> float:
 def alarm_rate(unit_m: FloatArray, k: float, alert: AlertLimits, confidence: float) -> tuple[float, float, float]:
     """Share of the draws that alarm with this multiplier, with its bounds."""
     # Where there is no solution, or the method's test rejects, there is an alarm even for a multiplier of zero.
-    alarms = int((np.isinf(unit_m) | (unit_m > alert.vertical_m / max(k, SMALLEST_FACTOR))).sum())
+    alarms = int((np.isinf(unit_m) | (unit_m > alert.val_m / max(k, SMALLEST_FACTOR))).sum())
     low, high = clopper_pearson(alarms, unit_m.size, confidence)
     return alarms / unit_m.size, float(low), float(high)
 
@@ -184,7 +184,7 @@ def drawn_ratios(
         level_m = np.where(available, table["vpl_m"], np.inf) / k_of(method)
         error_m = np.where(available, np.abs(table["up_m"]), 0.0)
         silent = available & ~rejects
-        worth_m = np.minimum(error_m, alert.vertical_m) if event == MISLEADING else error_m
+        worth_m = np.minimum(error_m, alert.val_m) if event == MISLEADING else error_m
         counts = silent if event == MISLEADING else available
         # A perfect fit has a level of zero, which every error exceeds.
         ratio = np.divide(worth_m, level_m, out=np.full(worth_m.shape, np.inf), where=level_m > 0)

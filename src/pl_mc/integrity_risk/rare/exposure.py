@@ -25,7 +25,7 @@ from pl_mc.arrays import ordinary_arithmetic
 from pl_mc.engine.calls import Chunk, run_calls
 from pl_mc.engine.checks import LARGEST_DRAWS, LARGEST_SEED, require_inputs, require_single
 from pl_mc.engine.core import EpochBatch, each_outcome, prepare_epoch
-from pl_mc.engine.events import EVENTS, events
+from pl_mc.engine.events import EVENTS, events, limits_of
 from pl_mc.engine.noise import LANES, epoch_key, live_lanes
 from pl_mc.engine.plan import make_plan
 from pl_mc.faults import Faults
@@ -110,7 +110,7 @@ def exposure(
         return _block_sums(
             jax.tree.map(lambda part: part[0], plan.batch(chunk, dtype)), np.uint32(seed), *blocks,
             jnp.asarray(GaussMarkov(tau_s).correlation(interval_s), dtype),
-            jnp.asarray(alert.vertical_m, dtype), methods=chosen, noise_model=model, samples=samples,
+            limits_of(alert, dtype), methods=chosen, noise_model=model, samples=samples,
         )  # fmt: skip
 
     sums = np.zeros((len(taus), 3, len(faults), len(chosen), len(EVENTS)))
@@ -154,7 +154,7 @@ def _taus(tau_s: ArrayLike) -> list[float]:
 @functools.partial(jax.jit, static_argnames=("methods", "noise_model", "samples"))
 def _block_sums(
     one: EpochBatch, seed: Array, block: Array, full_blocks: Array, remainder: Array, correlation: Array,
-    vertical_m: Array, *, methods: tuple[Method, ...], noise_model: NoiseModel, samples: int,
+    limits_m: Array, *, methods: tuple[Method, ...], noise_model: NoiseModel, samples: int,
 ) -> Array:  # fmt: skip
     """(3, f, methods, events), over the exposures of a block.
 
@@ -170,7 +170,7 @@ def _block_sums(
         return jnp.stack([jax.random.normal(one, (rows, LANES), dtype) for one in keys])
 
     def count(outcomes: list[Outcome]) -> Array:
-        return jnp.stack([events(outcome, vertical_m) for outcome in outcomes])
+        return jnp.stack([events(outcome, limits_m) for outcome in outcomes])
 
     def one_sample(carry: tuple[Array, Array], time: Array) -> tuple[tuple[Array, Array], None]:
         units, counts = carry

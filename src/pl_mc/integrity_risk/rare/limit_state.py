@@ -153,7 +153,7 @@ class EpochState(InCoordinates):
         seen, design, sigma = series.in_view[epoch], series.design[epoch], series.sigma_m[epoch]
         bias = np.where(seen, bias_m[series.satellite[epoch]], 0.0)
         turned = rotation(design, sigma, seen, bias) if coordinates is None else coordinates
-        return cls(design, sigma, seen, bias, method, event, alert.vertical_m, turned, **options)
+        return cls(design, sigma, seen, bias, method, event, alert.val_m, turned, **options)
 
     def computed(self, points: FloatArray, of: OfOutcome, event: Any, noise_model: NoiseModel = GAUSSIAN) -> FloatArray:
         """(N,), what a function of outcomes, alert limit and event makes of points (N, dimension), call by call."""

@@ -14,7 +14,7 @@ import numpy as np
 import pandas as pd
 from scipy import stats
 
-from pl_mc.alert import LPV_200, AlertLimits, horizontal_note
+from pl_mc.alert import LPV_200, AlertLimits, unjudged_note
 from pl_mc.arrays import FloatArray, ordinary_arithmetic
 from pl_mc.engine.checks import LARGEST_SEED, notes_on_faults, require_inputs
 from pl_mc.faults import Faults
@@ -189,7 +189,7 @@ def risk(
         keys[field] = np.array(values, dtype=object if field in _WORDS else None)
     table = pd.DataFrame(keys)
     table.attrs["notes"] = list(notes_on_faults(g, faults))
-    table.attrs["horizontal"] = horizontal_note(alert)
+    table.attrs["unjudged"] = unjudged_note(alert)
     return table
 
 

@@ -165,7 +165,7 @@ def tune(
         target=target,
         misleading=event == MISLEADING,
         objective=objective,
-        vertical_m=alert.vertical_m,
+        vertical_m=alert.val_m,
         step=smoothing,
     )
     noises = [np.random.default_rng(s) for s in np.random.SeedSequence(seed).spawn(4)]

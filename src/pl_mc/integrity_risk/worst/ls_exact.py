@@ -104,7 +104,7 @@ def ls_epoch(g: Geometry, law: LeastSquaresLaw, *, alarm: str, p_fa: float, aler
     available, dof, vdop_m = bool(quantities.available), int(quantities.dof), float(quantities.vdop_m)
     threshold = np.nan
     if available and alarm == PL_ALARM:
-        threshold = dof * (alert.vertical_m / (law.k_vertical * vdop_m)) ** 2
+        threshold = dof * (alert.val_m / (law.k_vertical * vdop_m)) ** 2
     elif available:
         threshold = float(chi2_threshold(dof, p_fa))
     elif alarm == CHI2_ALARM:
@@ -118,7 +118,7 @@ def ls_epoch(g: Geometry, law: LeastSquaresLaw, *, alarm: str, p_fa: float, aler
         dof=dof,
         threshold=threshold,
         level_slope=law.k_vertical / np.sqrt(max(dof, 1)),
-        limit=alert.vertical_m / vdop_m,
+        limit=alert.val_m / vdop_m,
     )
 
 

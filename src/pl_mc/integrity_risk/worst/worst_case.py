@@ -18,7 +18,7 @@ from typing import Literal
 import numpy as np
 import pandas as pd
 
-from pl_mc.alert import LPV_200, AlertLimits, horizontal_note
+from pl_mc.alert import LPV_200, AlertLimits, unjudged_note
 from pl_mc.arrays import FloatArray, ordinary_arithmetic
 from pl_mc.engine.checks import LARGEST_SEED, require_geometry_and_alert
 from pl_mc.faults import require_satellite
@@ -168,7 +168,7 @@ def worst_case(
             spent[stage] = spent.get(stage, 0) + number
         parts.append(table.sort_values("probability", ascending=False, kind="stable"))
     whole = pd.concat([part for part in parts if len(part)] or parts[:1], ignore_index=True)
-    whole.attrs["horizontal"] = horizontal_note(alert)
+    whole.attrs["unjudged"] = unjudged_note(alert)
     if spent:
         whole.attrs["evaluations"] = spent
     return whole

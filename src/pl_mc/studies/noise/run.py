@@ -283,7 +283,7 @@ def summary(experiment: NoiseExperiment, g: Geometry, tables: Mapping[str, pd.Da
     rare, given = experiment.rare, experiment.exposure
     return (
         f"{len(g.names)} satellites, {int(quantities.dof)} redundant, VDOP {metres(float(quantities.vdop_m))} m of "
-        f"least squares; alert limit {alert.name}, VAL {metres(alert.vertical_m)} m. "
+        f"least squares; alert limit {alert.name}, VAL {metres(alert.val_m)} m. "
         f"{int(factors.draws.iloc[0]):,} draws for each fault and noise model, seed {experiment.seed}, all models "
         "made from the same numbers. Whatever the noise, methods believe in Gaussian errors with the satellites' "
         f"sigma. A metre on {satellite} moves least squares {'up' if gain > 0 else 'down'} by {abs(gain):.2f} m.",

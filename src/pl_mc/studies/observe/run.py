@@ -116,11 +116,11 @@ def summary(
         f"{len(first)} epochs from {first.time.iloc[0]} to {first.time.iloc[-1]} (GPS time), systems "
         f"{', '.join(systems)}, mask {experiment.mask_deg:g} deg, error model "
         f"{experiment.error_model}, {count.min()}-{count.max()} satellites (mean {count.mean():.1f}). Alert "
-        f"limit: {alert.name}, VAL {metres(alert.vertical_m)} m.{injected}",
+        f"limit: {alert.name}, VAL {metres(alert.val_m)} m.{injected}",
         "Position errors over all available epochs [m]:",
         TextTable.of(["method", "direction", "95 %", "RMS", "largest"], accuracy),
         "Alarms and errors beyond the protection level, epochs and rates:",
-        _alarms(table, alert.vertical_m),
+        _alarms(table, alert.val_m),
         "Intervals are 95 % Clopper-Pearson bounds; they take epochs as independent, but the errors of a real "
         "receiver are correlated over minutes, so the true uncertainty is larger.",
         "; ".join(f"{name}: {method_label(name)}" for name in table.method.unique()) + ".",
@@ -188,7 +188,7 @@ def error_figure(table: pd.DataFrame, *, alert: AlertLimits, title: str) -> Figu
                 )  # fmt: skip
         panel.set_ylabel(f"{label} [m]")
         panel.margins(x=0.01)
-    _levels(axes[3], table.vpl_m[np.isfinite(table.vpl_m)], alert.vertical_m)
+    _levels(axes[3], table.vpl_m[np.isfinite(table.vpl_m)], alert.val_m)
     dates = AutoDateLocator()
     axes[3].xaxis.set_major_locator(dates)
     form = ConciseDateFormatter(dates, show_offset=False)

@@ -78,7 +78,7 @@ def levels_figure(table: pd.DataFrame, *, windows: Windows, alert: AlertLimits, 
     looks = ((_BACK, 2.2), (_FRONT, 0.6))
     for (colour, width), (method, group) in zip(looks, table.groupby("method", sort=False), strict=True):
         axes.plot(group.epoch, group.vpl_m, color=colour, linewidth=width, label=method_label(str(method)))
-    val_m = alert.vertical_m
+    val_m = alert.val_m
     axes.axhline(val_m, color="0.1", linewidth=1.3, linestyle=(0, (6, 2)), label=f"VAL {val_m:g} m")
     known = table.vpl_m[np.isfinite(table.vpl_m) & (table.vpl_m > 0)]
     low, high = (min(known.min(), val_m) / 1.2, max(known.max(), val_m) * 1.2) if len(known) else (1.0, 2 * val_m)

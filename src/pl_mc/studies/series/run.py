@@ -236,8 +236,8 @@ def summary(
     return (
         f"{source[:1].upper()}{source[1:]}. {count.min()}-{count.max()} satellites (mean {count.mean():.1f}). "
         f"Faults: {experiment.faults.describe()}; drawn with seed {experiment.seed}: {chosen}. {alert.name}, "
-        f"VAL {metres(alert.vertical_m)} m.",
-        _alarms(table, alert.vertical_m),
+        f"VAL {metres(alert.val_m)} m.",
+        _alarms(table, alert.val_m),
         f"Alarm: VPL > VAL, or no solution. Bounds: 95 % Clopper-Pearson; {independent}.",
         f"Faulted epochs over {redraws.redraw.nunique()} draws of {_drawn(experiment)} (`redraws.csv`): "
         f"{_redraws(redraws)}.",

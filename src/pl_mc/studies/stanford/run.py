@@ -71,7 +71,7 @@ class StanfordExperiment(Experiment):
 def run(experiment: StanfordExperiment, execution: Execution) -> Findings:
     """Counts by cell and by region, and the diagram."""
     alert, grid = experiment.alert_limits(), Grid(experiment.reach_m, experiment.cell_m)
-    grid.require_limit(alert.vertical_m)
+    grid.require_limit(alert.val_m)
     g = scaled_noise(experiment.geometry.build(), experiment.noise_scale)
     counts = stanford_counts(
         g, _faults(experiment, g), draws=experiment.draws, seed=experiment.seed,
@@ -99,7 +99,7 @@ def work(experiment: StanfordExperiment) -> Work:
 
 def checks(experiment: StanfordExperiment, g: Geometry | None) -> Iterator[Check]:
     """The plane holds the alert limit, and satellites have a ramp."""
-    limit_m = BY_NAME[experiment.alert].vertical_m if experiment.alert in BY_NAME else 0.0
+    limit_m = BY_NAME[experiment.alert].val_m if experiment.alert in BY_NAME else 0.0
     yield "reach_m", lambda: Grid(experiment.reach_m, experiment.cell_m).require_limit(limit_m)
     if experiment.faults is None and experiment.satellites:
         yield "satellites", lambda: refuse("they get a ramp, which faults has to give.")
@@ -190,14 +190,14 @@ def stanford_figure(
     ticks, labels = [*ticks, reach + gap + strip / 2], [*(f"{tick:g}" for tick in ticks), f"> {reach:g}"]
     options: Any = {"norm": norm, "cmap": _COLOURS, "rasterized": True, "zorder": 2}
     for panel, method, counts in zip(axes, methods, plane, strict=True):
-        _regions(panel, alert.vertical_m, reach, end)
+        _regions(panel, alert.val_m, reach, end)
         shown = np.ma.masked_equal(counts.T, 0)  # rows are levels
         for x, columns in ((inner, np.s_[:-1]), (beyond, np.s_[-1:])):
             panel.pcolormesh(x, inner, shown[:-1, columns], **options)
             panel.pcolormesh(x, beyond, shown[-1:, columns], **options)
         panel.axhline(reach + gap / 2, color="white", linewidth=2.5, zorder=2.5)
         panel.axvline(reach + gap / 2, color="white", linewidth=2.5, zorder=2.5)
-        _numbers(panel, regions[regions.method == method].set_index("region"), alert.vertical_m, reach)
+        _numbers(panel, regions[regions.method == method].set_index("region"), alert.val_m, reach)
         panel.set(xlim=(0, end), ylim=(0, end), xlabel="|vertical error| [m]", aspect="equal")
         panel.set_xticks(ticks, labels)
         panel.set_yticks(ticks, labels)

@@ -47,7 +47,7 @@ def ramp_figure(
             group.bias_m, group.vpl_50_m, style.line, marker=style.marker, markersize=4, color=style.colour,
             label=f"{label}, median and 5-95 %",
         )  # fmt: skip
-    limit_line(top, alert.vertical_m, f"VAL {alert.vertical_m:g} m")
+    limit_line(top, alert.val_m, f"VAL {alert.val_m:g} m")
     top.set(ylabel="vertical protection level [m]", ylim=(0, None))
     top.set_title("Protection level")
     top.legend(loc="upper left")
@@ -114,7 +114,7 @@ def realisation_figure(outcomes: pd.DataFrame, *, alert: AlertLimits, title: str
             group.bias_m, group.vpl_m, style.line, marker=style.marker, markersize=4.5, color=style.colour,
             label=label,
         )  # fmt: skip
-    limit_line(axes, alert.vertical_m, f"VAL {alert.vertical_m:g} m")
+    limit_line(axes, alert.val_m, f"VAL {alert.val_m:g} m")
     axes.set(xlabel="bias [m]", ylabel="vertical protection level [m]", ylim=(0, None))
     axes.set_title(f"{title}; one noise draw")
     axes.legend(loc="upper left")

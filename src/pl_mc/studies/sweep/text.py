@@ -39,7 +39,7 @@ def faults_summary(
         Paragraph(
             f"Geometry: {epochs}, {satellites} satellites, {series.design.shape[2]} unknowns, error model "
             f"{experiment.geometry.error_model}{named}. Alert limit: {alert.name}, VAL "
-            f"{metres(alert.vertical_m)} m. {experiment.draws:,} draws a fault and epoch, seed {experiment.seed}. "
+            f"{metres(alert.val_m)} m. {experiment.draws:,} draws a fault and epoch, seed {experiment.seed}. "
             "Rates with 95 % Clopper-Pearson bounds; `0 (< x %)` is the upper bound where nothing was seen."
         ),
         _rate_table(

@@ -62,7 +62,7 @@ def alert_figure(table: pd.DataFrame, *, alert: AlertLimits, title: str) -> Figu
             _line(lower, kept.rate_m_per_s, kept.alert_after_hazard_95_s, style)
         upper.set(xscale="log", yscale="log")
         upper.set_title(f"{_heading(tau)}: median error at the alarm [m]")
-        limit_line(upper, alert.vertical_m, f"VAL {alert.vertical_m:g} m")
+        limit_line(upper, alert.val_m, f"VAL {alert.val_m:g} m")
         lower.set_yscale("symlog", linthresh=10.0, linscale=0.8)
         _plain_ticks(lower.yaxis, (-1000, -100, -10, 0, 10, 100, 1000))
         lower.set_title(f"{_heading(tau)}: alarm after the error passed VAL [s], 95 %")

@@ -49,7 +49,7 @@ def tuning_figure(table: pd.DataFrame, *, alert: AlertLimits, title: str) -> Fig
             text = f"K {row.k_vertical:.3g}{limits}"
             note(left, text, (row.vpl_m, place), shift=(7, 0), va="center", color=style.colour)
             _alarm(right, row, place, style)
-    left.axvline(alert.vertical_m, **DOTTED)
+    left.axvline(alert.val_m, **DOTTED)
     note(
         left, val, (alert.vertical_m, 1.0), shift=(-3, -2), xycoords=("data", "axes fraction"), ha="right",
         va="top", color="0.15",
