@@ -85,9 +85,10 @@ class Output:
             print(f"Results: {result.folder}{page}")
 
 
-def overrides(draws: int | None, seed: int | None) -> dict[str, int]:
+def overrides(draws: int | None, seed: int | None, val_m: float | None = None) -> dict[str, Any]:
     """The fields of an experiment that a command replaces."""
-    return {key: value for key, value in (("draws", draws), ("seed", seed)) if value is not None}
+    alert = None if val_m is None else {"vertical_m": val_m}
+    return {key: value for key, value in (("draws", draws), ("seed", seed), ("alert", alert)) if value is not None}
 
 
 def print_json(content: Any) -> None:

@@ -20,6 +20,7 @@ def run(
     out: Path | None = None,
     draws: Draws = None,
     seed: Seed = None,
+    val: Annotated[float | None, Parameter(allow_leading_hyphen=True)] = None,
     resume: Flag = False,
     fresh: Flag = False,
     shard: str | None = None,
@@ -49,6 +50,8 @@ def run(
     ----------
     out
         Results folder; `runs/EXPERIMENT` unless given. An earlier result there is replaced.
+    val
+        Vertical alert limit [m], instead of the experiment's limits.
     resume
         Go on with an unfinished run of the same experiment.
     fresh
@@ -67,7 +70,7 @@ def run(
     from pl_mc.experiments.loading import load_experiment
     from pl_mc.experiments.running import run_experiment, run_shard
 
-    name, record = load_experiment(experiment, overrides(draws, seed))
+    name, record = load_experiment(experiment, overrides(draws, seed, val))
     share = None if shard is None else _share(shard)
     execution = Execution(
         workers=workers, devices=devices, scheduler=scheduler, resume=resume, shard=share,

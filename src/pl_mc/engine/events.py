@@ -14,7 +14,7 @@ from dataclasses import dataclass
 import jax.numpy as jnp
 import numpy as np
 from jax import Array
-from jax.typing import DTypeLike
+from numpy.typing import DTypeLike, NDArray
 
 from pl_mc.alert import EITHER, HORIZONTAL, VERTICAL, AlertLimits
 from pl_mc.geometry.record import EAST, NORTH, UP
@@ -46,27 +46,23 @@ EVENTS = (
 )
 
 
-def limits_of(alert: AlertLimits, dtype: DTypeLike) -> Array:
+def limits_of(alert: AlertLimits, dtype: DTypeLike) -> NDArray[np.floating]:
     """(2,), VAL and HAL; the largest number, which no level reaches, where one is missing."""
     largest = float(np.finfo(dtype).max)
-    return jnp.asarray([min(alert.val_m, largest), min(alert.hal_m, largest)], dtype)
+    return np.array([min(alert.val_m, largest), min(alert.hal_m, largest)], dtype)
 
 
-def judged(outcome: Outcome, limits_m: Array, axis: str) -> list[tuple[Array, Array, Array]]:
-    """Error, level and limit of an axis, or of both; ``limits_m`` (2,) are VAL and HAL."""
-    error = outcome.error_m
-    of = {
-        VERTICAL: (jnp.abs(error[UP]), outcome.vpl_m, limits_m[0]),
-        HORIZONTAL: (jnp.hypot(error[EAST], error[NORTH]), outcome.hpl_m, limits_m[1]),
-    }
-    return list(of.values()) if axis == EITHER else [of[axis]]
+def _judged(axis: str) -> tuple[int, ...]:
+    """Places of the vertical (0) and the horizontal (1) among errors, levels and limits."""
+    return (0, 1) if axis == EITHER else ((VERTICAL, HORIZONTAL).index(axis),)
 
 
-def alarms(outcome: Outcome, limits_m: Array, axis: str = VERTICAL) -> Array:
+def alarms(outcome: Outcome, limits_m: Array | NDArray, axis: str = VERTICAL) -> Array:
     """(...), whether each scenario alarms; ``limits_m`` (2,) are VAL and HAL."""
+    levels = (outcome.vpl_m, outcome.hpl_m)
     alarm = ~outcome.available | outcome.rejects
-    for _, level, limit in judged(outcome, limits_m, axis):
-        alarm = alarm | (level > limit)
+    for k in _judged(axis):
+        alarm = alarm | (levels[k] > limits_m[k])
     return alarm
 
 
@@ -82,10 +78,12 @@ def tied(outcome: Outcome) -> Array:
 
 def events(outcome: Outcome, limits_m: Array, axis: str = VERTICAL) -> Array:
     """(events, ...), which of `EVENTS` each scenario is; ``limits_m`` (2,) are VAL and HAL."""
-    alarm = alarms(outcome, limits_m, axis)
-    parts = judged(outcome, limits_m, axis)
-    hazard = outcome.available & functools.reduce(jnp.logical_or, [error > limit for error, _, limit in parts])
-    exceeded = outcome.available & functools.reduce(jnp.logical_or, [error > level for error, level, _ in parts])
+    error = outcome.error_m
+    levels = (outcome.vpl_m, outcome.hpl_m)
+    errors = (jnp.abs(error[UP]), jnp.hypot(error[EAST], error[NORTH]))
+    alarm, judged = alarms(outcome, limits_m, axis), _judged(axis)
+    hazard = outcome.available & functools.reduce(jnp.logical_or, [errors[k] > limits_m[k] for k in judged])
+    exceeded = outcome.available & functools.reduce(jnp.logical_or, [errors[k] > levels[k] for k in judged])
     return jnp.stack(
         [
             alarm,

@@ -16,7 +16,6 @@ from typing import Any
 import numpy as np
 from pydantic import ValidationError
 
-from pl_mc.alert import BY_NAME
 from pl_mc.detectors.registry import detector
 from pl_mc.engine import Execution, plan
 from pl_mc.engine.noise import LANES
@@ -24,7 +23,7 @@ from pl_mc.error_models import error_model
 from pl_mc.experiments.loading import field_problems, read_source
 from pl_mc.faults import Faults, ramp_sizes_m
 from pl_mc.geometry import Geometry
-from pl_mc.input_errors import InputError, require_choice
+from pl_mc.input_errors import InputError
 from pl_mc.methods import Method, method
 from pl_mc.noise_models import noise_model
 from pl_mc.runtime.threads import cores
@@ -197,8 +196,6 @@ def _further_problems(content: Mapping[str, Any]) -> Iterator[FieldProblem]:
     equal = content.get("equal")
     if isinstance(equal, Mapping):
         yield from _named(equal.get("methods"), "equal.methods", method)
-    if isinstance(content.get("alert"), str):
-        yield from _tried("alert", lambda: require_choice(content["alert"], BY_NAME, field="alert"))
     geometry: Geometry | None = None
     for part in ("geometry", "source"):
         given = content.get(part)
@@ -217,6 +214,7 @@ def _further_problems(content: Mapping[str, Any]) -> Iterator[FieldProblem]:
     build = getattr(getattr(record, "faults", None), "build", None)
     if geometry is not None and callable(build):
         yield from _tried("faults", lambda: build(geometry), ("satellite", "start_m", "stop_m", "step_m"))
+    yield from _tried("alert", record.alert_limits)
     for field, act in study_of(record).checks(record, geometry):
         yield from _tried(field, act)
 

@@ -26,13 +26,13 @@ from pydantic import (
 )
 from pydantic_core import PydanticCustomError
 
-from pl_mc.alert import BY_NAME, AlertLimits
+from pl_mc.alert import AlertLimits, as_alert
 from pl_mc.engine.checks import LARGEST_DRAWS, LARGEST_SEED
 from pl_mc.error_models import ErrorModel, error_model
 from pl_mc.faults import Faults, biases, no_fault, ramps
 from pl_mc.geometry import Geometry, redundancy_numbers, simulate
 from pl_mc.geometry.record import MOST_SATELLITES, SYSTEM_NAMES
-from pl_mc.input_errors import InputError, nearest, require_choice, shown
+from pl_mc.input_errors import InputError, nearest, shown
 from pl_mc.methods import Method, as_methods, method
 from pl_mc.noise_models import NoiseModel, noise_model
 
@@ -188,12 +188,24 @@ class MethodChoice(NamedChoice):
         return method(self.name, **self.options)
 
 
+class GivenLimits(Strict):
+    """Alert limits of one's own, see `pl_mc.AlertLimits`."""
+
+    name: str = "own limits"
+    vertical_m: float | None = None
+    horizontal_m: float | None = None
+
+    def build(self) -> AlertLimits:
+        """The record."""
+        return AlertLimits(self.name, self.vertical_m, self.horizontal_m)
+
+
 class Experiment(Strict):
     """What every experiment file says, whatever its kind."""
 
     title: str
     methods: tuple[MethodChoice, ...] = (MethodChoice(name="ls"), MethodChoice(name="igg3"))
-    alert: str = "LPV-200"
+    alert: str | GivenLimits = "LPV-200"
     seed: int = Field(default=20171121, ge=0, le=LARGEST_SEED)
     precision: Literal["float64", "float32"] = "float64"
 
@@ -201,9 +213,22 @@ class Experiment(Strict):
         """The methods, made records."""
         return as_methods([choice.build() for choice in self.methods])
 
+    @field_validator("alert", mode="before")
+    @classmethod
+    def _by_name_or_in_a_table(cls, given: Any) -> Any:
+        if isinstance(given, str | GivenLimits):
+            return given
+        if not isinstance(given, Mapping):
+            raise PydanticCustomError("alert", "an operation's name, or a table such as {vertical_m = 25}, is needed")
+        return GivenLimits.model_validate(given)
+
     def alert_limits(self) -> AlertLimits:
-        """The alert limits by name."""
-        return BY_NAME[require_choice(self.alert, BY_NAME, field="alert")]
+        """The alert limits, of which the vertical one decides; an `InputError` where there is none."""
+        return as_alert(self.given_limits())
+
+    def given_limits(self) -> str | AlertLimits:
+        """The limits as they are written, by name or as a record."""
+        return self.alert if isinstance(self.alert, str) else self.alert.build()
 
     def input_files(self) -> Mapping[str, Path]:
         """Files that the experiment reads, by field; their hashes go into the manifest."""

@@ -131,7 +131,7 @@ def fault_free_table(experiment: Experiment, planned: PlannedSweep) -> pd.DataFr
     ]  # fmt: skip
     outcomes = pd.concat(drawn, ignore_index=True)
     # Missing levels, those of an unavailable solution, are within nothing.
-    outcomes["within"] = (outcomes.vpl_m <= alert.vertical_m) & (outcomes.hpl_m <= alert.horizontal_m)
+    outcomes["within"] = (outcomes.vpl_m <= alert.val_m) & (outcomes.hpl_m <= alert.hal_m)
     groups = outcomes.groupby("method", sort=False)
     table = groups["within"].agg(draws="size", within="sum", availability="mean").reset_index()
     table["availability_low"], table["availability_high"] = clopper_pearson(table.within, table.draws)

@@ -40,7 +40,7 @@ def summary(counted: Comparison, g: Geometry, experiment: Experiment) -> Summary
     tests = counted.equal.get(counted.reference)
     blocks: list[Block | str] = [
         f"{len(g.names)} satellites, {int(quantities.dof)} redundant, VDOP {metres(float(quantities.vdop_m))} m of "
-        f"least squares; alert limits {alert.name}, VAL {alert.vertical_m:g} m, HAL {alert.horizontal_m:g} m. "
+        f"least squares; alert limits {alert.name}, {alert.words}. "
         f"{int(rates.draws.min()):,} draws for each fault, the same for all methods, seed {experiment.seed}. Rates "
         "with 95 % Clopper-Pearson bounds; `0 (< x %)` is the upper bound where nothing was seen.",
         *(_over_the_day(counted, alert) if several else ()),

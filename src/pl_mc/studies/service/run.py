@@ -12,7 +12,7 @@ from matplotlib.figure import Figure
 from numpy.typing import NDArray
 from pydantic import Field
 
-from pl_mc.alert import OPERATIONS, AlertLimits
+from pl_mc.alert import OPERATIONS, AlertLimits, as_limits
 from pl_mc.engine import Execution
 from pl_mc.error_models import ErrorModel, error_model
 from pl_mc.geometry import Geometry, simulate
@@ -88,8 +88,12 @@ class ServiceExperiment(Experiment):
 
     def limits(self) -> tuple[AlertLimits, ...]:
         """All operations, that of the maps included."""
-        names = self.operations if self.alert in self.operations else (self.alert, *self.operations)
-        return as_operations(names)
+        own = self.alert_limits()
+        return as_operations(self.operations if own.name in self.operations else (own, *self.operations))
+
+    def alert_limits(self) -> AlertLimits:
+        """Those of the maps, of which both decide."""
+        return as_limits(self.given_limits())
 
     def task(self) -> ServiceTask:
         """The service volume, checked."""
@@ -304,8 +308,7 @@ def day_figure(volume: ServiceVolume, *, title: str) -> Figure:
 
 def limits_text(alert: AlertLimits) -> str:
     """``LPV-200, VAL 35 m, HAL 40 m``."""
-    vertical = f"VAL {alert.vertical_m:g} m, " if alert.has_vertical else ""
-    return f"{alert.name}, {vertical}HAL {alert.horizontal_m:g} m"
+    return f"{alert.name}, {alert.words}"
 
 
 def _share(volume: ServiceVolume, method: str, operation: str) -> NDArray[np.float64]:

@@ -82,8 +82,7 @@ def answer(tables: Mapping[str, pd.DataFrame], experiment: Experiment) -> tuple[
         return _coverage(row) + (worst if row.worst_rate < 1.0 else "")
 
     sentences = [
-        f"{alert.name} (VAL {alert.vertical_m:g} m, HAL {alert.horizontal_m:g} m) is available in this share of "
-        f"area and time: {available}.",
+        f"{alert.name} ({alert.words}) is available in this share of area and time: {available}.",
         f"Sites with {100 * COVERED:g} % or more of the day make up this share of the area: "
         f"{by_method(rows, covered)}.",
     ]
@@ -160,8 +159,8 @@ def _worst_list(limits: AlertLimits, row: Any, worst: pd.DataFrame) -> str:
 
 
 def _limits(limits: AlertLimits) -> str:
-    vertical = f"{limits.vertical_m:g}" if limits.has_vertical else "-"
-    return f"{limits.name} ({vertical} / {limits.horizontal_m:g} m)"
+    both = (limits.vertical_m, limits.horizontal_m)
+    return f"{limits.name} ({' / '.join('-' if limit is None else f'{limit:g}' for limit in both)} m)"
 
 
 def _worst_place(row: Any) -> str:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Mapping
+from contextlib import suppress
 from functools import partial
 from typing import Any, Literal
 
@@ -15,7 +16,7 @@ from matplotlib.patches import Polygon
 from numpy.typing import NDArray
 from pydantic import Field
 
-from pl_mc.alert import BY_NAME, AlertLimits
+from pl_mc.alert import AlertLimits
 from pl_mc.engine import Execution
 from pl_mc.engine.stanford import REGIONS, Grid, StanfordCounts, stanford_counts
 from pl_mc.faults import Faults, no_fault, ramps, require_satellite
@@ -99,8 +100,10 @@ def work(experiment: StanfordExperiment) -> Work:
 
 def checks(experiment: StanfordExperiment, g: Geometry | None) -> Iterator[Check]:
     """The plane holds the alert limit, and satellites have a ramp."""
-    limit_m = BY_NAME[experiment.alert].val_m if experiment.alert in BY_NAME else 0.0
-    yield "reach_m", lambda: Grid(experiment.reach_m, experiment.cell_m).require_limit(limit_m)
+    # Wrong limits are told of as such.
+    with suppress(InputError):
+        limit_m = experiment.alert_limits().val_m
+        yield "reach_m", lambda: Grid(experiment.reach_m, experiment.cell_m).require_limit(limit_m)
     if experiment.faults is None and experiment.satellites:
         yield "satellites", lambda: refuse("they get a ramp, which faults has to give.")
     if g is not None:

@@ -1,0 +1,69 @@
+"""Alert limits of a user's own in an experiment file and on the command line."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+from typing import Any
+
+import pandas as pd
+import pytest
+
+import pl_mc
+from pl_mc.cli.main import main
+from pl_mc.experiments.loading import build_experiment
+from pl_mc.input_errors import InputError
+
+CONTENT: dict[str, Any] = {
+    "kind": "sweep", "title": "small", "draws": 300, "seed": 3, "geometry": {"epochs": 1, "epoch": 0},
+    "faults": {"biases": [{"G12": 20.0}]}, "methods": ["ls"],
+}  # fmt: skip
+
+
+def test_limits_in_a_table_and_on_the_command_line(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.chdir(tmp_path)
+    lines = [f"{key} = {json.dumps(CONTENT[key])}" for key in ("kind", "title", "draws", "seed", "methods")]
+    Path("one.toml").write_text(
+        "\n".join([*lines, 'alert = {name = "mine", vertical_m = 12}', "[geometry]", "epochs = 1", "epoch = 0",
+                   "[[faults.biases]]", "G12 = 20.0"])
+    )  # fmt: skip
+    main(("run", "one.toml", "-q"))
+    main(("run", "runs/one/manifest.json", "-q", "--out", "again"))
+    main(("run", "one.toml", "-q", "--val", "30", "--out", "wider"))
+    g = pl_mc.simulate(epochs=1)[0]
+    rates = {}
+    for folder, limit_m in (("runs/one", 12.0), ("again", 12.0), ("wider", 30.0)):
+        rates[folder] = pd.read_csv(Path(folder, "rates.csv")).alarm_rate.iloc[0]
+        limits = pl_mc.AlertLimits("x", vertical_m=limit_m)
+        faults = pl_mc.biases(g, {"G12": 20.0})
+        expected = pl_mc.sweep(g, faults, draws=300, seed=3, methods="ls", alert=limits).alarm_rate.iloc[0]
+        assert rates[folder] == expected
+    assert rates["runs/one"] > rates["wider"]
+    assert "Alert limit: mine, VAL 12" in Path("runs/one/summary.md").read_text()
+
+
+@pytest.mark.parametrize(
+    ("alert", "words"),
+    [
+        (35, "alert: an operation's name, or a table such as .vertical_m = 25., is needed, not 35"),
+        ({"val": 7}, "alert.val: there is no such field .valid: name, vertical_m, horizontal_m"),
+        ({"vertical_m": "20"}, "alert.vertical_m: a number is needed"),
+        ({"vertical_m": -3.0}, "alert.vertical_m: an alert limit is positive and finite"),
+        ({}, "alert: own limits has no limit"),
+        ({"horizontal_m": 7.0}, "alert: own limits has no vertical limit, which decides here"),
+        ({"vertical_m": 20.0, "horizontal_m": 7.0}, "alert.horizontal_m: 7 m would decide nothing here"),
+        ("RNP 0.1", "alert: RNP 0.1 has no vertical limit"),
+        ("LPV200", "alert: 'LPV200' is unknown .nearest: LPV-200"),
+    ],
+)
+def test_limits_that_cannot_be(alert: Any, words: str) -> None:
+    with pytest.raises(InputError, match=words):
+        build_experiment(CONTENT | {"alert": alert}, source="test").alert_limits()
+
+
+def test_what_decides_vertically_alone_refuses_the_rest() -> None:
+    g = pl_mc.simulate(epochs=1)[0]
+    with pytest.raises(InputError, match="alert: NPA has no vertical limit, which decides here"):
+        pl_mc.worst_case(g, alert="NPA")
+    with pytest.raises(InputError, match=r"alert\.horizontal_m: 10 m would decide nothing here"):
+        pl_mc.calibrate(g, alert=pl_mc.AlertLimits("rail", vertical_m=15.0, horizontal_m=10.0))
