@@ -78,6 +78,13 @@ def percent(rate: float) -> str:
     return f"{value:.3g}"
 
 
+def probability_text(value: float) -> str:
+    """A probability: three significant digits, of the complement where that is small."""
+    if 0.995 < value < 1.0:
+        return f"{value:.{1 - math.floor(math.log10(1.0 - value))}f}"
+    return f"{value:.3g}"
+
+
 def metres(value: float) -> str:
     """A length with four significant digits below 100 m, to the decimetre beyond; a dash where there is none."""
     if math.isnan(value):

@@ -13,7 +13,7 @@ from pl_mc.geometry import Geometry
 from pl_mc.methods import Method
 from pl_mc.report.document import Block, Bullets, Heading, Paragraph, TextTable
 from pl_mc.report.figures import method_label
-from pl_mc.report.text import method_key, percent
+from pl_mc.report.text import method_key, percent, probability_text
 from pl_mc.studies.risk.record import RiskExperiment
 from pl_mc.studies.risk.tables import EXACT
 
@@ -88,10 +88,10 @@ def summary(
 def risk_text(value: float, low: float, high: float) -> str:
     """``1.2e-07 [1.0e-07, 1.5e-07]``; an upper bound where there is no more, the number alone where it is exact."""
     if low == high:
-        return f"{value:.3g}" if value > 1e-30 else "< 1e-30"
+        return probability_text(value) if value > 1e-30 else "< 1e-30"
     if np.isnan(value):
         return f"no number; in [{low:.2g}, {high:.2g}]" if low > 0 else f"< {high:.2g}"
-    return f"{value:.3g} [{low:.3g}, {high:.3g}]"
+    return f"{probability_text(value)} [{probability_text(low)}, {probability_text(high)}]"
 
 
 def _risk(row: Any) -> str:
@@ -349,4 +349,4 @@ def answer(tables: Mapping[str, pd.DataFrame], experiment: RiskExperiment) -> tu
 
 
 def _number(value: float) -> str:
-    return f"{value:.3g}" if value > 1e-30 or value == 0 else "below 1e-30"
+    return probability_text(value) if value > 1e-30 or value == 0 else "below 1e-30"
