@@ -11,7 +11,7 @@ import subprocess
 import sys
 import threading
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from contextlib import suppress
 from pathlib import Path
 
@@ -108,6 +108,15 @@ def test_ctrl_c_ends_with_130_whenever_it_comes(tmp_path: Path, monkeypatch: pyt
         assert [path for path in tmp_path.glob("runs/*") if path.name != "one.unfinished"] == []
 
 
+@pytest.fixture
+def interruptible() -> Iterator[None]:
+    """A process that was started in the background may ignore Ctrl-C."""
+    before = signal.signal(signal.SIGINT, signal.default_int_handler)
+    yield
+    signal.signal(signal.SIGINT, before)
+
+
+@pytest.mark.usefixtures("interruptible")
 def test_an_interrupt_that_is_swallowed_comes_again() -> None:
     """Python prints and forgets what is raised in a callback of the garbage collector; JAX has one."""
     came: list[str] = []
@@ -135,6 +144,7 @@ def test_an_interrupt_that_is_swallowed_comes_again() -> None:
     assert signal.getsignal(signal.SIGINT) is signal.default_int_handler
 
 
+@pytest.mark.usefixtures("interruptible")
 def test_an_interrupt_that_comes_while_the_one_before_is_seen_to(monkeypatch: pytest.MonkeyPatch) -> None:
     """On a busy machine a thread takes so long to start that the next signal finds the hook at work still."""
     start, slow = threading.Timer.start, [True]
