@@ -43,7 +43,7 @@ def test_the_answer_is_the_caller_s_own():
         (np.zeros((2, 3)), "not shape .2, 3."),
         (("a", "b", "c"), "cannot be read"),
         ((np.nan, 6.4e6, 0.0), "finite number"),
-        ((0.0, 0.0, 0.0), "inside the Earth"),
+        ((91.0, 0.0, 0.0), "inside the Earth"),
         # Kilometres where metres belong.
         ((-2364.3, 4870.3, -3360.8), "inside the Earth"),
         ((6_370_000.0, 0.0, 0.0), "-8137 m is below the limit, -1000 m"),

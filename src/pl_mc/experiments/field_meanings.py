@@ -32,7 +32,7 @@ SHARED: dict[str, str] = {
     "geometry": "the satellites in view",
     "faults": "which satellites are biased, by how much",
     "source": "where the series of epochs comes from: a site, a flight or a receiver's files",
-    "site": "a named place, such as CUT0 or JFNG, or Earth-fixed X,Y,Z in metres",
+    "site": "a named place, such as CUT0 or JFNG, Earth-fixed X,Y,Z in metres, or latitude, longitude and height",
     "start": "GPS time of the first epoch",
     "epochs": "number of epochs",
     "interval_s": "time between epochs",

@@ -6,16 +6,20 @@ padded with a mask to the largest satellite count), so that a day with changing 
 
 from __future__ import annotations
 
+import importlib.util
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, field, replace
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import jax
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from pl_mc.arrays import ordinary_arithmetic
-from pl_mc.input_errors import InputError, require_numbers, shown
+from pl_mc.input_errors import InputError, nearest, require_numbers, shown
+
+if TYPE_CHECKING:
+    import pandas as pd
 
 SYSTEM_NAMES = {"G": "GPS", "C": "BeiDou", "E": "Galileo", "R": "GLONASS"}
 # Satellites that the names of a system can number.
@@ -37,7 +41,7 @@ def _static() -> Any:
 
 
 @jax.tree_util.register_dataclass
-@dataclass(frozen=True)
+@dataclass(frozen=True, repr=False)
 class Geometry:
     """Design rows, standard deviations and names of the satellites in view, for one epoch or a series of epochs.
 
@@ -257,6 +261,79 @@ class Geometry:
             clocks=tuple(c for c, used in zip(self.clocks, columns[POSITION_UNKNOWNS:], strict=True) if used),
             notes=self.notes,
         )
+
+    def sel(self, satellite: str | Sequence[str]) -> Geometry:
+        """The same epochs with some satellites alone, in the order of the geometry.
+
+        Args:
+            satellite: a name or several.
+
+        Raises:
+            InputError: a name that is nowhere in view, or none.
+        """
+        wanted = (satellite,) if isinstance(satellite, str) else as_words("satellite", satellite)
+        for name in wanted:
+            if name not in self.names:
+                raise InputError(f"satellite: {shown(name)} is not in view ({nearest(name, self.names)}).")
+        chosen = np.array([name in wanted for name in self.names])
+        series, m = self.as_series(), len(self.names)
+        place, row = np.nonzero(series.in_view & chosen[series.satellite])
+        of = series.satellite[place, row]
+        design = np.zeros((len(series), m, series.design.shape[2]))
+        sigma_m, in_view = np.ones((len(series), m)), np.zeros((len(series), m), bool)
+        design[place, of], sigma_m[place, of] = series.design[place, row], series.sigma_m[place, row]
+        in_view[place, of] = True
+        left = Geometry.from_rows(
+            design=design, sigma_m=sigma_m, in_view=in_view, names=self.names, systems=self.systems,
+            clocks=self.clocks, epoch=series.epoch, time_gps_s=series.time_gps_s, notes=self.notes,
+        )  # fmt: skip
+        return left if self.is_series else left[0]
+
+    def to_frame(self) -> pd.DataFrame:
+        """A table with a row for each satellite in view at each epoch.
+
+        Returns:
+            ``epoch, time_gps_s, satellite, system, elevation_deg, azimuth_deg, sigma_m``.
+        """
+        import pandas as pd
+
+        series = self.as_series()
+        place, row = np.nonzero(series.in_view)
+        of = series.satellite[place, row]
+        degrees = {"elevation_deg": series.elevation_rad, "azimuth_deg": series.azimuth_rad}
+        return pd.DataFrame({
+            "epoch": series.epoch[place],
+            "time_gps_s": series.time_gps_s[place],
+            "satellite": np.array(self.names, dtype=object)[of],
+            "system": np.array(self.systems, dtype=object)[of],
+            **{name: np.degrees(angle[place, row]) for name, angle in degrees.items()},
+            "sigma_m": series.sigma_m[place, row],
+        })  # fmt: skip
+
+    def to_xarray(self) -> Any:
+        """An ``xarray.Dataset`` over ``epoch`` and ``satellite``; NaN where a satellite is not in view.
+
+        Raises:
+            InputError: xarray is not installed.
+        """
+        if importlib.util.find_spec("xarray") is None:
+            raise InputError("to_xarray: it needs the package xarray, which is not installed; to_frame needs none.")
+        table = self.to_frame()
+        cube = table[["epoch", "satellite", "elevation_deg", "azimuth_deg", "sigma_m"]]
+        whole = cube.set_index(["epoch", "satellite"]).to_xarray()
+        whole = whole.reindex(epoch=self.as_series().epoch, satellite=list(self.names))
+        return whole.assign_coords(
+            time_gps_s=("epoch", self.as_series().time_gps_s), system=("satellite", list(self.systems))
+        )
+
+    def __repr__(self) -> str:
+        """``Geometry(2880 epochs, 12-20 satellites at once, 22 in all: GPS, BeiDou)``."""
+        count, systems = self.as_series().satellite_count, dict.fromkeys(self.systems)
+        known = ", ".join(SYSTEM_NAMES.get(letter, letter) for letter in systems)
+        if not self.is_series:
+            return f"Geometry(epoch {int(self.epoch)}, {int(count[0])} satellites: {known})"
+        at_once = f"{count.min()}" if count.min() == count.max() else f"{count.min()}-{count.max()}"
+        return f"Geometry({len(self)} epochs, {at_once} satellites at once, {len(self.names)} in all: {known})"
 
     def as_series(self) -> Geometry:
         """The same geometry with an axis of epochs, of length one for a single epoch."""

@@ -49,8 +49,8 @@ def simulate(
     """The satellites of nominal constellations as a user sees them, epoch by epoch.
 
     Args:
-        site: where a standing user is: a name of `pl_mc.geometry.sites.SITES`, text "X,Y,Z" or three Earth-fixed
-            coordinates [m]; CUT0 where neither site nor track is given.
+        site: where a standing user is: a name of `pl_mc.geometry.sites.SITES`, Earth-fixed "X,Y,Z" or
+            three numbers [m], or latitude, longitude [deg] and height [m]; CUT0 where neither site nor track is given.
         track_m: (epochs, 3), Earth-fixed positions of a moving user instead of a site [m].
         start: first epoch in GPS time, ISO 8601 without time zone.
         epochs: number of epochs, up to a million; 2880 over a site, as many as the track has otherwise.

@@ -9,7 +9,7 @@ from types import MappingProxyType
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from pl_mc.geometry.frames import geodetic
+from pl_mc.geometry.frames import from_geodetic, geodetic
 from pl_mc.input_errors import InputError, nearest, require_numbers, shown
 
 DEFAULT_SITE = "CUT0"
@@ -58,26 +58,36 @@ _SITES = (
 SITES: Mapping[str, Site] = MappingProxyType({site.name: site for site in _SITES})
 
 
+# Latitude and longitude [deg] and height [m]; every Earth-fixed position on the ground has a larger coordinate.
+_GEODETIC = (90.0, 360.0, 1e6)
+
+
 def site_position_m(site: str | ArrayLike) -> NDArray[np.float64]:
     """Earth-fixed position of a site (3,) [m].
 
     Args:
-        site: the name of one of `SITES`, text "X,Y,Z" in metres, or three numbers in metres.
+        site: the name of one of `SITES`; three numbers or text of them, "X,Y,Z": Earth-fixed coordinates [m], or
+            geodetic latitude and longitude [deg] and height above the ellipsoid [m], which no Earth-fixed position
+            on the ground can be taken for.
 
     Raises:
         InputError: an unknown name, with the nearest ones; text or numbers that are no position; a position that
             is not near the ground.
     """
+    forms = "X,Y,Z in metres, or latitude, longitude and height"
     if isinstance(site, str):
         if site in SITES:
             return np.array(SITES[site].position_m)
         if "," not in site:
-            raise InputError(f"site: {shown(site)} is unknown ({nearest(site, SITES)}; or X,Y,Z in metres).")
+            raise InputError(f"site: {shown(site)} is unknown ({nearest(site, SITES)}; or {forms}).")
         try:
             site = [float(part) for part in site.split(",")]
         except ValueError:
-            raise InputError(f"site: {shown(site)} cannot be read; a position is X,Y,Z in metres.") from None
-    return checked_positions_m(site, field="site", shape=(3,))
+            raise InputError(f"site: {shown(site)} cannot be read; a position is {forms}.") from None
+    given = require_numbers(site, field="site")
+    if given.shape == (3,) and (np.abs(given) <= _GEODETIC).all():
+        given = from_geodetic(np.radians(given[0]), np.radians(given[1]), given[2])
+    return checked_positions_m(given, field="site", shape=(3,))
 
 
 def checked_positions_m(positions_m: ArrayLike, *, field: str, shape: tuple[int | None, ...]) -> NDArray[np.float64]:
