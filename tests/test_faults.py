@@ -125,3 +125,45 @@ def test_faults_of_another_geometry(g, series):
         pl_mc.no_fault(g) + pl_mc.no_fault(series)
     with pytest.raises(InputError, match="made for other satellites"):
         pl_mc.no_fault(g).applies(series)
+
+
+def test_a_label_is_its_fault(g):
+    faults = pl_mc.pairs(g, 30.0, -12.5) + pl_mc.no_fault(g) + pl_mc.biases(g, {"E07": 1e-9, "G02": 123456.789})
+    assert len(faults) == 45 + 2
+    for k, label in enumerate(faults.labels):
+        again = pl_mc.biases(g, label)
+        np.testing.assert_array_equal(again.bias_m[0], faults.bias_m[k])
+        assert again.labels == (label,)
+
+
+@pytest.mark.parametrize(
+    ("text", "expected"),
+    [
+        ("G01+G03:+30m", {"G01": 30.0, "G03": 30.0}), ("G01:30", {"G01": 30.0}),
+        (" G01:+1e1 m , E07:-.5m", {"G01": 10.0, "E07": -0.5}),
+        ("G:+20m,E06:-3m", {**dict.fromkeys(("G01", "G02", "G03", "G04", "G05"), 20.0), "E06": -3.0}), ("none", {}),
+    ],
+)  # fmt: skip
+def test_faults_as_text(g, text, expected):
+    np.testing.assert_array_equal(pl_mc.biases(g, text).bias_m, pl_mc.biases(g, expected).bias_m)
+
+
+@pytest.mark.parametrize(
+    ("given", "words"),
+    [
+        ("G01", "'G01' is no fault; the form is G02:.30m"), ("", "'' is no fault"), ("G01:+30m;G02:+3m", "is no fault"),
+        ("G01:north", "is no fault"), ("G99:+30m", "'G99' is not in view"), ("C:+30m", "'C' is not in view"),
+        ("G01:+30m,G01:+3m", "G01 is named twice"), ("G01+G01:+30m", "G01 is named twice"),
+        ("G:+3m,G02:+4m", "G02 is named twice"), (30.0, "a table by satellite"), ("G01:+1e99m", "up to 1e.09"),
+    ],
+)  # fmt: skip
+def test_text_that_is_no_fault(g, given, words):
+    with pytest.raises(InputError, match=words):
+        pl_mc.biases(g, given)
+
+
+def test_all_satellites_of_a_system_are_a_fault_of_one_epoch(series):
+    with pytest.raises(InputError, match=r"all satellites of G at once are a fault of one epoch, such as g\[0\]"):
+        pl_mc.biases(series, "G:+20m")
+    faults = pl_mc.biases(series[0], "G:+20m")
+    assert faults.labels[0].count("+20m") == sum(letter == "G" for letter in series[0].systems)

@@ -15,6 +15,7 @@ from pl_mc.error_models import error_model as error_model
 from pl_mc.faults import Faults as Faults
 from pl_mc.faults import biases as biases
 from pl_mc.faults import no_fault as no_fault
+from pl_mc.faults import pairs as pairs
 from pl_mc.faults import ramp as ramp
 from pl_mc.faults import ramps as ramps
 from pl_mc.geometry import Geometry as Geometry

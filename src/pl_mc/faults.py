@@ -7,6 +7,7 @@ are in view.
 
 from __future__ import annotations
 
+import re
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
@@ -21,6 +22,9 @@ NO_FAULT = "none"
 
 # A larger bias is a slip of the unit, and cannot be computed with.
 MOST_BIAS_M = 1e9
+
+# One part of a label: satellites and their bias.
+_ONE_BIAS = re.compile(r"([^:,\s]+):([+-]?(?:\d+\.?\d*|\.\d+)(?:e[+-]?\d+)?) ?m?")
 
 # A ramp of more steps is a slip of the hand.
 _MOST_STEPS = 1_000_000
@@ -102,21 +106,90 @@ def no_fault(g: Geometry) -> Faults:
 
 
 @ordinary_arithmetic
-def biases(g: Geometry, bias_m: Mapping[str, float]) -> Faults:
+def biases(g: Geometry, bias_m: Mapping[str, float] | str) -> Faults:
     """One fault on one or several satellites.
 
     Args:
         g: the geometry.
-        bias_m: bias of each faulted satellite [m], ``{"G02": 30.0, "C11": -20.0}``.
+        bias_m: bias of each faulted satellite [m], ``{"G02": 30.0, "C11": -20.0}``, or the same as text, which is its
+            label: ``"G02:+30m,C11:-20m"``. Satellites of one bias may be named together, ``G01+G13``, and all of a
+            system at one epoch by its letter, ``G``. ``none`` and an empty table are the fault-free case.
+
+    Raises:
+        InputError: text of another form, a satellite that is not in view or named twice, a bias that is no number.
     """
-    if not isinstance(bias_m, Mapping):
-        raise InputError(f"biases: a table by satellite is needed, such as {{'G02': 30.0}}, not {shown(bias_m)}.")
-    row = np.zeros(len(require_geometry(g).names))
-    for name, value in bias_m.items():
-        row[require_satellite(g, name)] = require_number(value, field=f"bias of {name}")
+    require_geometry(g)
+    given = _read_fault(bias_m) if isinstance(bias_m, str) else bias_m
+    if not isinstance(given, Mapping):
+        raise InputError(
+            f"biases: a table by satellite such as {{'G02': 30.0}}, or text such as G02:+30m, is needed, not "
+            f"{shown(given)}."
+        )
+    by_name: dict[str, float] = {}
+    for named, value in given.items():
+        for name in _satellites_of(g, named):
+            if name in by_name:
+                raise InputError(f"biases: {name} is named twice.")
+            by_name[name] = require_number(value, field=f"bias of {named}")
+    row = np.zeros(len(g.names))
+    for name, value in by_name.items():
+        row[require_satellite(g, name)] = value
     faults = Faults.from_array(g, row[None])
     # The label keeps the order in which the user named the satellites.
-    return Faults(faults.bias_m, faults.names, (fault_label(bias_m),))
+    return Faults(faults.bias_m, faults.names, (fault_label(by_name),))
+
+
+def _read_fault(text: str) -> dict[str, float]:
+    """The biases of a label."""
+    if text.strip() == NO_FAULT:
+        return {}
+    found = {}
+    for part in text.split(","):
+        one = _ONE_BIAS.fullmatch(part.strip())
+        if one is None:
+            raise InputError(
+                f"biases: {shown(part)} is no fault; the form is G02:+30m, several satellites G01+G13:+30m or "
+                "G01:+30m,C08:-20m, all of a system G:+20m."
+            )
+        if one[1] in found:
+            raise InputError(f"biases: {one[1]} is named twice.")
+        found[one[1]] = float(one[2])
+    return found
+
+
+def _satellites_of(g: Geometry, named: str) -> list[str]:
+    """The satellites that a name, several joined by a plus sign, or the letter of a system stand for."""
+    names: list[str] = []
+    for name in named.split("+") if isinstance(named, str) else [named]:
+        if name in g.systems and name not in g.names:
+            if g.is_series:
+                raise InputError(
+                    f"biases: all satellites of {name} at once are a fault of one epoch, such as g[0]: a fault counts "
+                    "where all of its satellites are in view."
+                )
+            names += [one for one, system in zip(g.names, g.systems, strict=True) if system == name]
+        else:
+            names.append(name)
+    return names
+
+
+@ordinary_arithmetic
+def pairs(g: Geometry, first_m: float, second_m: float | None = None) -> Faults:
+    """The same two biases on every pair of satellites.
+
+    Args:
+        g: the geometry.
+        first_m: bias of the first satellite of each pair, in the order of ``g.names`` [m].
+        second_m: bias of the second one; that of the first unless given [m].
+    """
+    n = len(require_geometry(g).names)
+    if n < 2:
+        raise InputError(f"pairs: two satellites at least are needed, not {n}.")
+    one, other = np.triu_indices(n, 1)
+    rows = np.zeros((one.size, n))
+    rows[np.arange(one.size), one] = require_number(first_m, field="first_m")
+    rows[np.arange(one.size), other] = require_number(first_m if second_m is None else second_m, field="second_m")
+    return Faults.from_array(g, rows)
 
 
 def ramp(g: Geometry, *, satellite: str, start_m: float, stop_m: float, step_m: float) -> Faults:

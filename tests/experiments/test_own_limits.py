@@ -61,6 +61,31 @@ def test_limits_that_cannot_be(alert: Any, words: str) -> None:
         build_experiment(CONTENT | {"alert": alert}, source="test").alert_limits()
 
 
+@pytest.mark.parametrize(
+    ("given", "words"),
+    [
+        (
+            [3],
+            "faults.biases.0: a table of biases in metres by satellite, or text such as G02:.30m, is needed, not 3.$",
+        ),
+        ([{"G12": "x"}], "faults.biases.0: a table of biases in metres by satellite"),
+        ([], "faults.biases: tuple should have at least 1 item"),
+    ],
+)
+def test_faults_that_are_none(given: Any, words: str) -> None:
+    with pytest.raises(InputError, match=words) as caught:
+        build_experiment(CONTENT | {"faults": {"biases": given}}, source="test")
+    assert "\n" not in str(caught.value)
+
+
+def test_faults_as_text_in_an_experiment() -> None:
+    record = build_experiment(CONTENT | {"faults": {"biases": ["none", "G12+G22:+30m"]}}, source="test")
+    g = pl_mc.simulate(epochs=1)[0]
+    faults, notes = record.faults.build(g)  # type: ignore[attr-defined]
+    assert faults.labels == ("none", "G12:+30m,G22:+30m")
+    assert notes == ()
+
+
 def test_what_decides_vertically_alone_refuses_the_rest() -> None:
     g = pl_mc.simulate(epochs=1)[0]
     with pytest.raises(InputError, match="alert: NPA has no vertical limit, which decides here"):

@@ -16,6 +16,7 @@ from typing import Any
 import numpy as np
 from pydantic import ValidationError
 
+from pl_mc.alert import OPERATIONS, as_limits
 from pl_mc.detectors.registry import detector
 from pl_mc.engine import Execution, plan
 from pl_mc.engine.noise import LANES
@@ -196,6 +197,8 @@ def _further_problems(content: Mapping[str, Any]) -> Iterator[FieldProblem]:
     equal = content.get("equal")
     if isinstance(equal, Mapping):
         yield from _named(equal.get("methods"), "equal.methods", method)
+    if isinstance(content.get("alert"), str):
+        yield from _tried("alert", lambda: as_limits(content["alert"]))
     geometry: Geometry | None = None
     for part in ("geometry", "source"):
         given = content.get(part)
@@ -214,7 +217,8 @@ def _further_problems(content: Mapping[str, Any]) -> Iterator[FieldProblem]:
     build = getattr(getattr(record, "faults", None), "build", None)
     if geometry is not None and callable(build):
         yield from _tried("faults", lambda: build(geometry), ("satellite", "start_m", "stop_m", "step_m"))
-    yield from _tried("alert", record.alert_limits)
+    if not isinstance(record.alert, str) or record.alert in OPERATIONS:
+        yield from _tried("alert", record.alert_limits)
     for field, act in study_of(record).checks(record, geometry):
         yield from _tried(field, act)
 

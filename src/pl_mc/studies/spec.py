@@ -16,6 +16,7 @@ from numpy.typing import NDArray
 from pydantic import (
     AfterValidator,
     BaseModel,
+    BeforeValidator,
     ConfigDict,
     Discriminator,
     Field,
@@ -285,10 +286,24 @@ class RampFaults(Strict):
         )
 
 
-class ListedFaults(Strict):
-    """Faults one by one, each a table of biases by satellite [m]; an empty table is the fault-free case."""
+def _one_fault(given: Any) -> Any:
+    table = isinstance(given, Mapping) and all(
+        isinstance(value, int | float) and not isinstance(value, bool) for value in given.values()
+    )
+    if not (table or isinstance(given, str)):
+        raise PydanticCustomError(
+            "fault", "a table of biases in metres by satellite, or text such as G02:+30m, is needed"
+        )
+    return given
 
-    biases: Annotated[tuple[dict[str, float], ...], Field(min_length=1)]
+
+class ListedFaults(Strict):
+    """Faults one by one, each a table of biases by satellite [m] or a text, see `pl_mc.biases`.
+
+    An empty table and ``none`` are the fault-free case.
+    """
+
+    biases: Annotated[tuple[Annotated[dict[str, float] | str, BeforeValidator(_one_fault)], ...], Field(min_length=1)]
 
     def build(self, g: Geometry) -> tuple[Faults, tuple[str, ...]]:
         """The faults, in order."""

@@ -55,6 +55,9 @@ def problems_of(model: type[Experiment], content: Mapping[str, Any]) -> list[Fie
         named = {one.field for one in problems}
         # What is close to a wrong name is searched for, which takes its time.
         found = error.errors(include_url=False, include_context=False)
+        # A list is not too short because its entries are wrong.
+        inner = {item["loc"][:k] for item in found for k in range(len(item["loc"]))}
+        found = [item for item in found if not (item["type"] == "too_short" and item["loc"] in inner)]
         problems += [one for item in found[: 4 * MOST_TOLD] if (one := _problem(model, item)).field not in named]
         problems += [FieldProblem("", "it is wrong too.")] * max(0, len(found) - 4 * MOST_TOLD)
     return problems
