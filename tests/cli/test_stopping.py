@@ -340,6 +340,31 @@ def test_resuming_a_finished_run(small: Path, capsys: pytest.CaptureFixture[str]
     assert "finished" in said_by(capsys, "run", "one.toml", "--resume", "--draws", "400")
 
 
+@pytest.mark.parametrize("name", ["report.json", "summary.md", "rates.csv", "rates.png", MANIFEST])
+def test_a_finished_run_that_has_changed_is_not_handed_back(
+    small: Path, capsys: pytest.CaptureFixture[str], name: str
+) -> None:
+    """Other digits were handed back as the result; what somebody has removed is another matter."""
+    said_by(capsys, "run", "one.toml")
+    place = small / "runs" / "one" / name
+    content = place.read_bytes()
+    # In the manifest, of its notes: the experiment is compared by its fields.
+    at = content.index(b"0", content.find(b'"notes"') + 1)
+    place.write_bytes(content[:at] + b"9" + content[at + 1 :])
+    said = said_by(capsys, "run", "one.toml", "--resume", code=2)
+    assert f"runs/one/{name}: it is not what the run wrote; without --resume the run is counted anew" in said
+    place.write_bytes(content)
+    assert "nothing was counted" in said_by(capsys, "run", "one.toml", "--resume")
+    if name != MANIFEST:
+        place.unlink()
+        assert "nothing was counted" in said_by(capsys, "run", "one.toml", "--resume")
+    else:
+        # A run of a version that wrote none.
+        fields = json.loads(content)
+        place.write_text(json.dumps({field: fields[field] for field in fields if field not in ("files", "sha256")}))
+        assert "nothing was counted" in said_by(capsys, "run", "one.toml", "--resume")
+
+
 def test_a_share_that_has_nothing_to_do(small: Path, capsys: pytest.CaptureFixture[str]) -> None:
     said_by(capsys, "run", "one.toml", "--shard", "1/2", "--out", "first")
     said = said_by(capsys, "run", "one.toml", "--shard", "2/2", "--out", "second")

@@ -12,7 +12,6 @@ import signal
 import subprocess
 import sys
 import tempfile
-import time
 from pathlib import Path
 
 import numpy as np
@@ -22,19 +21,20 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 import pl_mc
-from pl_mc.engine.checkpoint_store import CheckpointStore
 from pl_mc.engine.task import SweepTask
 from pl_mc.input_errors import InputError
-from pl_mc.methods import Igg3, as_methods
+from pl_mc.methods import Igg3
 from pl_mc.runtime import whole_files
+from reference import killed_sweep
 from reference import small_sweep as small
+from reference.damage import CHANGED, changed
+from reference.killed_sweep import PARTS
 from reference.small_sweep import assert_same, cut
 
 # Bits, across threads, parts and processes: as users compile.
 pytestmark = pytest.mark.optimised
 
 TESTS = Path(__file__).parents[1]
-PARTS = 12
 IDENTITY_FILE = SweepTask.kind.record
 
 
@@ -52,22 +52,14 @@ def finished(tmp_path_factory) -> tuple[pd.DataFrame, Path]:
 def damaged(kind: str, number: int, folder: Path, where: float) -> bytes | None:
     """What is left of a part."""
     content = (folder / f"part-{number:06d}.parquet").read_bytes()
-    place = int(where * len(content))
-    if kind == "flipped":
-        return content[:place] + bytes([content[place] ^ (1 << number % 8)]) + content[place + 1 :]
-    return {
-        "whole": content,
-        "lost": None,
-        "truncated": content[:place],
-        "zeroed": content[:place] + bytes(len(content) - place),
-        "empty": b"",
-        "text": b"no such file\n",
-        "swapped": (folder / f"part-{(number + 1) % PARTS:06d}.parquet").read_bytes(),
-        "other": (folder.with_name("other") / f"part-{number:06d}.parquet").read_bytes(),
-    }[kind]
+    if kind in ("whole", "lost"):
+        return content if kind == "whole" else None
+    neighbour = (folder / f"part-{(number + 1) % PARTS:06d}.parquet").read_bytes()
+    stranger = (folder.with_name("other") / f"part-{number:06d}.parquet").read_bytes()
+    return changed(kind, content, where, neighbour=neighbour, stranger=stranger)
 
 
-KINDS = ("whole", "lost", "truncated", "flipped", "zeroed", "empty", "text", "swapped", "other")
+KINDS = ("whole", "lost", *CHANGED)
 
 
 @given(
@@ -140,58 +132,30 @@ def test_stopped_by_the_user_again_and_again(finished, stops, workers):
         assert small.contents(here) == small.contents(folder)
 
 
-PROGRAM = """
-import os, sys, time
-sys.path.insert(0, {tests!r})
-from reference import small_sweep as small
-sync = os.fsync
-
-def slow(number):
-    sync(number)
-    time.sleep(0.04)
-
-os.fsync = slow
-with small.cut(2):
-    table = small.run(folder={folder!r}, resume=True, methods=("ls",), workers=2)
-table.to_pickle({table!r})
-"""
-
-
 def test_killed_at_any_moment(tmp_path):
     """Most of its time the sweep is between writing a temporary file and replacing the part by it."""
     folder = tmp_path / "finished"
     with cut(2):
-        table = small.run(folder=folder, methods=("ls",))
-    here, result = tmp_path / "sweep", tmp_path / "table.pickle"
-    program = PROGRAM.format(tests=str(TESTS), folder=str(here), table=str(result))
+        table = small.run(folder=folder, methods=killed_sweep.METHODS)
+    here = tmp_path / "sweep"
+    command = killed_sweep.program(here)
     moments = random.Random(61)
     killed = 0
     for _ in range(3):
         before = len(list(here.glob("part-*.parquet")))
         if before >= PARTS - 1:
             break
-        process = subprocess.Popen([sys.executable, "-c", program], stderr=subprocess.DEVNULL)
-        try:
-            limit = time.monotonic() + 120
-            while process.poll() is None and time.monotonic() < limit:
-                if len(list(here.glob("part-*.parquet"))) > before:
-                    time.sleep(moments.uniform(0, 0.15))
-                    break
-                time.sleep(0.002)
-        finally:
-            process.kill()
-            process.wait()
-        killed += process.returncode == -signal.SIGKILL
+
+        def more(before=before):
+            return len(list(here.glob("part-*.parquet"))) > before
+
+        killed += killed_sweep.ended_after(command, more, moments.uniform(0, 0.15)) == -signal.SIGKILL
         # What stands under the name of a part is a whole part.
-        with cut(2):
-            store = CheckpointStore(here, small.task(methods=as_methods(("ls",))), resume=True)
-            assert store.stored() == sorted(store.stored())
-            for number in store.stored():
-                store.read(number)
+        assert len(killed_sweep.whole_parts(here)) >= before
     assert killed >= 2
-    done = subprocess.run([sys.executable, "-c", program], capture_output=True, text=True, check=False)
+    done = subprocess.run(command, capture_output=True, text=True, check=False)
     assert done.returncode == 0, done.stderr
-    assert_same(pd.read_pickle(result), table)
+    assert_same(pd.read_pickle(killed_sweep.table_of(here)), table)
     assert small.contents(here) == small.contents(folder)
 
 
@@ -298,6 +262,20 @@ def test_a_flipped_bit_of_the_record_costs_nothing(finished, tmp_path):
             if told:
                 assert small.contents(tmp_path) == small.contents(folder)
     assert told >= 10
+
+
+@pytest.mark.parametrize("make", [os.mkfifo, lambda place: os.symlink(place, place)], ids=["pipe", "link to itself"])
+def test_what_stands_in_the_place_of_the_record_is_told(finished, tmp_path, make):
+    table, folder = finished
+    shutil.copytree(folder, tmp_path, dirs_exist_ok=True)
+    place = tmp_path / IDENTITY_FILE
+    place.unlink()
+    make(place)
+    with cut(2):
+        found = small.run(folder=tmp_path, resume=True)
+    assert_same(found, table)
+    assert f"{place}: it was damaged" in " ".join(found.attrs["notes"])
+    assert small.contents(tmp_path) == small.contents(folder)
 
 
 def test_the_record_can_be_read_by_others(finished):

@@ -15,6 +15,7 @@ Outcomes:
 
 from __future__ import annotations
 
+import contextlib
 import json
 import math
 import os
@@ -26,9 +27,10 @@ import time
 import traceback
 import warnings
 import zlib
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import asdict, dataclass
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
@@ -71,8 +73,12 @@ def damaged(case: Case) -> bytes:
     from mutations import MUTATIONS
     from subjects import subjects
 
-    seed = [case.number, zlib.crc32(case.subject.encode()), zlib.crc32(case.mutation.encode())]
-    return MUTATIONS[case.mutation](subjects()[case.subject].content, np.random.default_rng(seed))
+    return MUTATIONS[case.mutation](subjects()[case.subject].content, generator_of(case))
+
+
+def generator_of(case: Case) -> np.random.Generator:
+    """The generator of a case, the same wherever it is judged."""
+    return np.random.default_rng([case.number, zlib.crc32(case.subject.encode()), zlib.crc32(case.mutation.encode())])
 
 
 def judge(case: Case, folder: Path) -> Outcome:
@@ -83,20 +89,33 @@ def judge(case: Case, folder: Path) -> Outcome:
 def _judged_call(case: Case) -> Outcome:
     from api_calls import calls, with_strange
 
-    from pl_mc.input_errors import InputError
-
     call = calls()[case.subject]
     arguments = with_strange(call, np.random.default_rng([case.number, zlib.crc32(case.subject.encode())]))
     begin = time.perf_counter()
-    try:
-        call.function(**arguments)
-        outcome, detail = "accepted", ""
-    except InputError as error:
-        outcome, detail = ("refused" if is_sentence(str(error)) else "sentence"), str(error)
-    except Exception:
+    # Some of the strange values are names of folders; what is written there is gone with the case.
+    with tempfile.TemporaryDirectory() as place:
+        inside = Path(place, "a", "b")
+        inside.mkdir(parents=True)
+        with contextlib.chdir(inside):
+            _, outcome, detail = attempted(lambda: call.function(**arguments))
+    if outcome == "exception":
         changed = {key: repr(value)[:200] for key, value in arguments.items() if value is not call.arguments[key]}
-        outcome, detail = "exception", f"{changed}\n{traceback.format_exc()}"
-    return Outcome(**asdict(case), outcome=outcome, detail=detail[-3000:], seconds=time.perf_counter() - begin)
+        detail = f"{changed}\n{detail}"
+    return Outcome(
+        **asdict(case), outcome=outcome or "accepted", detail=detail[-3000:], seconds=time.perf_counter() - begin
+    )
+
+
+def attempted(action: Callable[[], Any]) -> tuple[Any, str, str]:
+    """What it gives, and no outcome; or nothing, how it ended (a refusal, another exception), and what was said."""
+    from pl_mc.input_errors import InputError
+
+    try:
+        return action(), "", ""
+    except InputError as error:
+        return None, "refused" if is_sentence(str(error)) else "sentence", str(error)
+    except Exception:
+        return None, "exception", traceback.format_exc()
 
 
 def is_sentence(said: str) -> bool:
@@ -107,23 +126,16 @@ def is_sentence(said: str) -> bool:
 def _judged_file(case: Case, folder: Path) -> Outcome:
     from subjects import subjects
 
-    from pl_mc.input_errors import InputError
-
     subject = subjects()[case.subject]
     content = damaged(case)
     path = folder / f"damaged{subject.suffix}"
     path.write_bytes(content)
     begin = time.perf_counter()
-    try:
-        read = subject.read(path)
-    except InputError as error:
-        said = str(error)
+    read, outcome, detail = attempted(lambda: subject.read(path))
+    if outcome == "refused" and path.name not in detail and subject.tolerance is not None:
         # A refusal names the file; checks of experiments name their fields.
-        named = path.name in said or subject.tolerance is None
-        outcome, detail = ("refused" if is_sentence(said) and named else "sentence"), said
-    except Exception:
-        outcome, detail = "exception", traceback.format_exc()
-    else:
+        outcome = "sentence"
+    if not outcome:
         sound = _sound(case.subject)
         detail = _difference(read.numbers, sound.numbers, subject.tolerance or 0.0)
         if subject.tolerance is None:
@@ -227,7 +239,10 @@ def _line(process: subprocess.Popen[bytes], limit_s: float) -> bytes | None:
     return line
 
 
-def _serve() -> None:
+def serve(
+    judged: Callable[[Case, Path], Outcome] = judge, prepare: Callable[[Path], object] = lambda folder: None
+) -> None:
+    """Judge the cases that come as lines, in a folder that is prepared before the first."""
     import jax
 
     import pl_mc  # noqa: F401
@@ -240,10 +255,11 @@ def _serve() -> None:
     answers = os.fdopen(os.dup(1), "w")
     os.dup2(2, 1)
     with tempfile.TemporaryDirectory() as folder:
+        prepare(Path(folder))
         print("ready", file=answers, flush=True)
         for line in sys.stdin:
-            print(json.dumps(asdict(judge(Case(**json.loads(line)), Path(folder)))), file=answers, flush=True)
+            print(json.dumps(asdict(judged(Case(**json.loads(line)), Path(folder)))), file=answers, flush=True)
 
 
 if __name__ == "__main__":
-    _serve()
+    serve()

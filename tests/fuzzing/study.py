@@ -10,6 +10,7 @@ import json
 import platform
 import sys
 import time
+from collections.abc import Sequence
 from dataclasses import asdict, replace
 from pathlib import Path
 
@@ -31,7 +32,7 @@ from pl_mc.statistics.intervals import clopper_pearson
 SIGN = "fuzz.csv"
 
 # Kinds of outcome, in the order of the table, with what they are called in the figure.
-ORDER = ("refused", "same", "told", "well formed", "accepted", *FINDINGS)
+ORDER = ("refused", "same", "told", "well formed", "accepted")
 COLOURS = {
     "refused": ("0.80", "refused in a sentence"),
     "same": ("#56B4E9", "same numbers as the sound file"),
@@ -79,17 +80,17 @@ def planned(count: int, seed: int) -> list[Case]:
     return [replace(case, number=first + case.number) for case in planned]
 
 
-def counted(found: pd.DataFrame) -> pd.DataFrame:
-    """Number of cases by kind and mutation, and of each outcome."""
+def counted(found: pd.DataFrame, order: Sequence[str] = ORDER, findings: Sequence[str] = FINDINGS) -> pd.DataFrame:
+    """Number of cases by kind and mutation, and of each outcome; findings come last, and their sum."""
     found = found.assign(kind=found.subject.where(found.mutation != STRANGE_ARGUMENTS, "call of " + found.subject))
     table = (
         found.groupby(["kind", "mutation"], sort=False)
         .outcome.value_counts()
         .unstack(fill_value=0)
-        .reindex(columns=list(ORDER), fill_value=0)
+        .reindex(columns=[*order, *findings], fill_value=0)
     )
     table.insert(0, "cases", table.sum(axis=1))
-    table["findings"] = table[list(FINDINGS)].sum(axis=1)
+    table["findings"] = table[list(findings)].sum(axis=1)
     table.columns = [str(name).replace(" ", "_") for name in table.columns]
     return table.reset_index()
 
@@ -126,10 +127,24 @@ def figure(table: pd.DataFrame) -> Figure:
     return made
 
 
+def total_lines(table: pd.DataFrame, key: str, columns: Sequence[str]) -> list[str]:
+    """Rows of a table in Markdown: the sums of columns for each kind, say."""
+    totals = table.groupby(key, sort=False).sum(numeric_only=True)
+    return [
+        f"| {name} | " + " | ".join(f"{int(row[column]):,}" for column in columns) + " |"
+        for name, row in totals.iterrows()
+    ]
+
+
+def share(events: int, number: int, what: str, came: str) -> str:
+    """How many of what came to something, and how many do at the most."""
+    high = 100 * float(clopper_pearson(events, number)[1])
+    return f"{events} of {number:,} {what} {came} (at most {high:.2g} %, 95 %)"
+
+
 def summary(table: pd.DataFrame, seconds: float, slowest_s: float, seed: int) -> str:
     """The study in Markdown."""
     total, findings = int(table.cases.sum()), int(table.findings.sum())
-    high = float(clopper_pearson(findings, total)[1])
     files = table[table.mutation != STRANGE_ARGUMENTS]
     shown = pd.concat([files, table[table.mutation == STRANGE_ARGUMENTS].assign(kind="calls of functions")])
     calls_made = total - int(files.cases.sum())
@@ -138,7 +153,7 @@ def summary(table: pd.DataFrame, seconds: float, slowest_s: float, seed: int) ->
         "",
         f"{total:,} cases: {total - calls_made:,} files of {files.kind.nunique()} kinds, each damaged in one of "
         f"{files.mutation.nunique()} ways, and {calls_made:,} calls of functions with arguments that make no "
-        f"sense. {findings} findings; of such cases, at most {100 * high:.2g} % lead to one (95 %).",
+        f"sense. {share(findings, total, 'cases', 'led to a finding')}.",
         "",
         "A finding is an exception other than `InputError`, a refusal that is no sentence, a hang (60 s), an end "
         "of the process, or numbers other than those of the sound file (a pseudorange error by over 1 m, an orbit "
@@ -148,13 +163,9 @@ def summary(table: pd.DataFrame, seconds: float, slowest_s: float, seed: int) ->
         "| what | cases | refused | same | told | well formed | accepted | findings |",
         "|---|---|---|---|---|---|---|---|",
     ]
+    columns = ("cases", "refused", "same", "told", "well_formed", "accepted", "findings")
     for key, rows in (("kind", shown), ("mutation", files)):
-        totals = rows.groupby(key, sort=False).sum(numeric_only=True)
-        columns = ("cases", "refused", "same", "told", "well_formed", "accepted", "findings")
-        lines += [
-            f"| {name} | " + " | ".join(f"{int(row[column]):,}" for column in columns) + " |"
-            for name, row in totals.iterrows()
-        ]
+        lines += total_lines(rows, key, columns)
     lines += [
         "",
         "Same: all numbers as of the sound file. Told: other numbers, and a note says what was left out or is odd. "
@@ -165,6 +176,8 @@ def summary(table: pd.DataFrame, seconds: float, slowest_s: float, seed: int) ->
         "",
         "Earlier rounds had up to ten findings; each was mended and became a test (`test_findings.py`). The bound "
         "above is of this round alone; another seed may find one more.",
+        "",
+        "`interruptions.md` is of runs that were killed and of stored files that were damaged before a run went on.",
         "",
         f"One process on one core, {seconds:.0f} s in all, the slowest case {slowest_s:.2f} s; "
         f"Python {platform.python_version()}. Again: `python tests/fuzzing/study.py --count {total} "

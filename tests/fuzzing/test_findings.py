@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import re
+import shutil
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any
@@ -20,6 +21,7 @@ from pl_mc.geometry.flight import fly, survey_plan
 from pl_mc.geometry.gps_time import gps_seconds
 from pl_mc.injection import parse_injection
 from pl_mc.input_errors import InputError
+from pl_mc.report.run_folder import read_run_folder
 
 
 def read(name: str, change: Callable[[str], str], folder: Path) -> kinds.Read:
@@ -182,6 +184,15 @@ def test_a_header_position_beyond_all_bounds_is_none(tmp_path: Path) -> None:
     sound = kinds.subjects()[OBS_2].content.decode().split("APPROX")[0].splitlines()[-1].split()[2]
     found = read(OBS_2, lambda t: t.replace(sound, "-1e308".rjust(len(sound)), 1), tmp_path)
     assert found.notes == ("Left out of damaged.20o, as it cannot be read: the header's APPROX POSITION XYZ.",)
+
+
+def test_a_table_that_is_a_link_to_itself_is_refused(tmp_path: Path) -> None:
+    shutil.copytree(kinds.ROOT / "results" / "ramp", tmp_path / "ramp")
+    table = tmp_path / "ramp" / "rates.csv"
+    table.unlink()
+    table.symlink_to(table)
+    with pytest.raises(InputError, match=r"rates\.csv.*: (it is a link|the file cannot be read)"):
+        read_run_folder(tmp_path / "ramp")
 
 
 def test_a_kind_that_is_no_word_is_refused() -> None:

@@ -6,11 +6,12 @@ from collections import Counter
 from pathlib import Path
 from typing import Any
 
+import api_calls
 import numpy as np
 import outcomes as judging
 import pytest
 import subjects as kinds
-from api_calls import ELSEWHERE, HEAVY, KERNELS, STRANGE, calls, documented
+from api_calls import ELSEWHERE, HEAVY, KERNELS, STRANGE, Call, calls, documented
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from hypothesis.extra.numpy import arrays
@@ -99,6 +100,18 @@ def test_hangs_and_crashes_end_a_process_and_not_the_study(program: str, outcome
     path.write_text(f"import sys\nprint('ready', flush=True)\nsys.stdin.readline()\n{program}\n", encoding="ascii")
     both = list(outcomes([Case("a", "b", 1), Case("a", "b", 2)], limit_s=2.0, program=path))
     assert [one.outcome for one in both] == [outcome, outcome]
+
+
+def test_calls_leave_nothing_where_the_study_runs(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Some strange values are names of folders; sweeps had been stored in them."""
+    call = Call(lambda folder: Path(folder, "left").write_text("x", encoding="ascii"), {"folder": "../.."})
+    monkeypatch.setattr(api_calls, "calls", lambda: {"mine": call})
+    monkeypatch.setattr(api_calls, "with_strange", lambda call, rng: call.arguments)
+    place = tmp_path / "a" / "b"
+    place.mkdir(parents=True)
+    monkeypatch.chdir(place)
+    assert judge(Case("mine", STRANGE_ARGUMENTS, 1), tmp_path).outcome == "accepted"
+    assert sorted(tmp_path.rglob("*")) == [place.parent, place]
 
 
 def test_cases_are_the_same_every_time() -> None:

@@ -10,6 +10,7 @@ from __future__ import annotations
 import contextlib
 import hashlib
 import json
+import os
 import re
 from collections.abc import Collection, Iterator, Mapping
 from pathlib import Path
@@ -73,7 +74,8 @@ class CheckpointStore(Generic[P]):
             )
         self._record = folder / task.kind.record
         self._rewritten = False
-        if stored and self._record.is_file():
+        # Whatever stands there in the record's name, a pipe or a link without an end included.
+        if stored and os.path.lexists(self._record):
             # Several machines may share a folder for their shares, or their parts may have been gathered in one.
             sections = (ASKED,) if any_machine or self._shared else (ASKED, WHERE)
             before = self._read_record()
@@ -179,6 +181,9 @@ class CheckpointStore(Generic[P]):
     def _opened(self, number: int) -> tuple[pq.ParquetFile, dict[str, Any]]:
         """A part file, whole to the byte, and what it says of itself; a `BadPart` where it is none."""
         place = self.place(number)
+        # A pipe without a writer would be waited for.
+        if not place.is_file():
+            raise BadPart(f"{place}: it is no regular file")
         try:
             content = place.read_bytes()
         except OSError as error:
@@ -189,6 +194,8 @@ class CheckpointStore(Generic[P]):
         try:
             file = pq.ParquetFile(pa.BufferReader(content))
             about = json.loads(file.metadata.metadata[_KEY])
+            if not isinstance(about["environment"], dict):
+                raise ValueError("it names no environment")
             return file, {key: about[key] for key in ("part", "experiment", "environment")}
         except (pa.ArrowException, KeyError, TypeError, ValueError) as error:
             raise BadPart(f"{place}: {_unlike(error)}") from None

@@ -128,8 +128,11 @@ def _put_in_order(path: Path, sign: str) -> str:
 
 
 def write_manifest(folder: Path, *, name: str, experiment: Experiment, notes: Sequence[str], seconds: float) -> None:
-    """Everything that decides the numbers: the experiment in full, versions, inputs and the machine."""
-    content = {
+    """Everything that decides the numbers: the experiment in full, versions, inputs and the machine.
+
+    With what the run wrote, so that a file that has changed since then is known when the run is resumed.
+    """
+    content: dict[str, Any] = {
         "name": name,
         "experiment": experiment.model_dump(mode="json"),
         "inputs": input_hashes(experiment),
@@ -139,16 +142,15 @@ def write_manifest(folder: Path, *, name: str, experiment: Experiment, notes: Se
         "versions": {"python": platform.python_version()} | {p: importlib.metadata.version(p) for p in _RECORDED},
         "machine": {"system": platform.system(), **environment()},
         "seconds": round(seconds, 2),
+        "files": {path.name: _hash_of(path) for path in sorted(folder.iterdir()) if path.is_file()},
     }
+    content["sha256"] = _hash(content)
     write_whole(folder / MANIFEST, json.dumps(content, indent=2, ensure_ascii=False) + "\n")
 
 
 def input_hashes(experiment: Experiment) -> dict[str, dict[str, str]]:
     """Names and hashes of the files that an experiment reads, by field."""
-    return {
-        field: {"file": path.name, "sha256": hashlib.sha256(path.read_bytes()).hexdigest()}
-        for field, path in experiment.input_files().items()
-    }
+    return {field: {"file": path.name, "sha256": _hash_of(path)} for field, path in experiment.input_files().items()}
 
 
 class Unfinished:
@@ -234,6 +236,27 @@ def require_finished_alike(folder: Path, experiment: Experiment) -> None:
             f"{folder}: the finished run there is one of another experiment ({_told(changed)}); without --resume it is "
             "replaced, --out names another folder."
         )
+
+
+def require_as_written(folder: Path) -> None:
+    """Raise `InputError` where a file of a finished run is not what the run wrote, as far as its manifest says."""
+    manifest = parsed_json(read_text(folder / MANIFEST), path=folder / MANIFEST)
+    total, files = manifest.pop("sha256", None), manifest.get("files", {})
+    if total not in (None, _hash(manifest)):
+        changed = [MANIFEST]
+    else:
+        # What somebody has removed is no damage.
+        there = [folder / name for name in files if os.path.lexists(folder / name)] if isinstance(files, dict) else []
+        changed = [path.name for path in there if not path.is_file() or _hash_of(path) != files[path.name]]
+    if changed:
+        raise InputError(
+            f"{folder / changed[0]}: it is not what the run wrote; without --resume the run is counted anew and "
+            "replaces it."
+        )
+
+
+def _hash_of(path: Path) -> str:
+    return hashlib.sha256(path.read_bytes()).hexdigest()
 
 
 def _hash(content: Mapping[str, Any]) -> str:

@@ -22,6 +22,7 @@ from pl_mc.experiments.output import (
     Unfinished,
     absolute,
     read_record,
+    require_as_written,
     require_finished_alike,
     result_folder,
     write_manifest,
@@ -118,6 +119,7 @@ def run_experiment(
 def _finished(folder: Path, experiment: Experiment) -> RunResult:
     """What a run that is finished left; nothing is counted."""
     require_finished_alike(folder, experiment)
+    require_as_written(folder)
     run = read_run_folder(folder)
     note = f"{folder}: this run was finished before, and nothing was counted; without --resume it is counted anew."
     answer = () if run.document is None else run.document.answer

@@ -147,7 +147,12 @@ def _in_form(manifest: dict[str, Any]) -> dict[str, Any]:
 
 def _within(file: Path) -> Path:
     """``file``, which no link leads out of its folder: what lies elsewhere is not a stranger's to show."""
-    if file.resolve().parent != file.parent.resolve():
+    try:
+        inside = file.resolve().parent == file.parent.resolve()
+    except RuntimeError:
+        # A link that leads to itself, before Python 3.13.
+        inside = False
+    if not inside:
         raise InputError(f"{file}: it is a link out of the folder, and is not followed.")
     return file
 
