@@ -288,9 +288,9 @@ def summary(
         "Not among the damages, since nothing can tell it: other counts that contradict nothing, with a checksum made "
         "for them.",
         "",
-        "Trial rounds had findings of five kinds: a part that is a pipe, a part that names no environment, a record that "
-        "is a pipe or a link to itself, a table that is such a link, and files of a finished run that were handed back "
-        "with other digits. Each was mended and became a test.",
+        "Trial rounds had findings of five kinds: a part that is a pipe, a part that names no environment, a record "
+        "that is a pipe or a link to itself, a table that is such a link, and files of a finished run that were handed "
+        "back with other digits. Each was mended and became a test.",
         "",
         f"{seconds:.0f} s in all, the slowest damaged case {slowest_s:.1f} s; Python {platform.python_version()}. "
         f"Again: `python tests/fuzzing/interruptions.py --kills {len(kills)} --damaged {cases} --seed {seed} "

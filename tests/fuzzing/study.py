@@ -174,7 +174,7 @@ def summary(table: pd.DataFrame, seconds: float, slowest_s: float, seed: int) ->
         "experiment or a call says what its author wants; there is nothing to compare with. `fuzz.csv` has every "
         "kind with every damage, `examples.csv` the first refusal of each.",
         "",
-        "Earlier rounds had up to ten findings; each was mended and became a test (`test_findings.py`). The bound "
+        "Earlier rounds had up to eighteen findings; each was mended and became a test (`test_findings.py`). The bound "
         "above is of this round alone; another seed may find one more.",
         "",
         "`interruptions.md` is of runs that were killed and of stored files that were damaged before a run went on.",

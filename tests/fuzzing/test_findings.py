@@ -100,11 +100,13 @@ SKY = pl_mc.simulate(epochs=1)[0]
         ("YUMA almanac", lambda t: re.sub(r"ID: +05", "ID: 1_0", t), "a number is needed"),
         ("SEM almanac", lambda t: t.replace("\n0\n11\n\n", "\n\n11\n0\n", 1), "eight lines of 1, 1, 1, 3, 3, 3, 1"),
         ("SEM almanac", lambda t: t.replace("\n0\n11\n", "\n0 11\n", 1), "eight lines of 1, 1, 1, 3, 3, 3, 1"),
+        ("SEM almanac", lambda t: t.replace("405504\n", "40550", 1), "line 3: a blank line is needed above the record"),
         # Tracks that are cut in a number, jump, or hold figures beyond all bounds.
         ("track, geodetic", lambda t: t[:-4], "cut short in its last line, 13"),
         ("track, Earth-fixed", lambda t: t.replace("532590.1966", "1000", 1), "jumps by 531.59 km within 1 s"),
         ("track, Earth-fixed", lambda t: t.replace("532590.1966", "1e308", 1), "km from the Earth's centre"),
         ("track, Earth-fixed", lambda t: t.replace("1277121600.0", "-1", 1), "outside GPS weeks 0 to 9999"),
+        ("track, Earth-fixed", lambda t: t.replace("1277121600.0", "0", 1), "line 3: its time is 14782 days after"),
         ("track, geodetic", lambda t: t.replace("60.125", "6_0.125", 1), "'6_0.125' is not a finite number"),
         # Experiments.
         ("experiment, service", lambda t: t.replace("600.0", "inf"), "duration_s: a finite number is needed"),
@@ -249,6 +251,8 @@ ROWS: dict[str, Any] = {
         (lambda: pl_mc.ramp(G[0], satellite=np.zeros(0), start_m=0, stop_m=1, step_m=1), "is not in view"),
         (lambda: pl_mc.ramp(G[0], satellite="G01", start_m=0, stop_m=1e308, step_m=5), "more than 1000000 steps"),
         (lambda: pl_mc.ramp(G[0], satellite="G01", start_m=0, stop_m=10**400, step_m=5), "a finite number"),
+        (lambda: pl_mc.statistics.joint_exceedance(1, 3, 0, "x", 0), "slope: it cannot be read as an array"),
+        (lambda: pl_mc.statistics.joint_exceedance(1, 3, 0, 1, None), "shift: it cannot be read as an array"),
         (lambda: pl_mc.reliability(G[0], p_fa="x"), "p_fa: a finite number is needed"),
         (lambda: pl_mc.reliability(G[0], p_fa=5e-324), "p_fa: 5e-324 is too small"),
         (lambda: pl_mc.exact.ls_rates(G[0], [np.nan]), "faults: use ramp, biases or no_fault to make faults"),

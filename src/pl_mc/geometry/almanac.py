@@ -194,6 +194,8 @@ def _sem(path: Path, lines: Sequence[str]) -> Iterator[tuple[int, dict[str, floa
             f"{path}: its first line promises {count} satellites of {_SEM_NUMBERS} numbers, but it holds "
             f"{len(fields)} numbers; is it cut short?"
         )
+    after_blank = {k: not lines[k - 2].strip() for k, _ in fields[::_SEM_NUMBERS]}
+    apart = any(list(after_blank.values())[1:])
     for first in range(0, len(fields), _SEM_NUMBERS):
         line = fields[first][0]
         rows = [k - line for k, _ in fields[first : first + _SEM_NUMBERS]]
@@ -201,6 +203,11 @@ def _sem(path: Path, lines: Sequence[str]) -> Iterator[tuple[int, dict[str, floa
             raise InputError(
                 f"{path}: line {line}: the record of a satellite is eight lines of 1, 1, 1, 3, 3, 3, 1 and 1 "
                 "numbers, none of them empty."
+            )
+        # A blank line that has gone mostly took digits of the number before it along.
+        if apart and not after_blank[line]:
+            raise InputError(
+                f"{path}: line {line}: a blank line is needed above the record of a satellite, as above others here."
             )
         value = [_number(path, k, word) for k, word in fields[first : first + _SEM_NUMBERS]]
         value[4] += _SEM_INCLINATION

@@ -19,6 +19,9 @@ LOWEST_RADIUS_M, HIGHEST_RADIUS_M = 6_300_000.0, 6_500_000.0
 # Track samples further apart than this are a gap, across which nothing is interpolated.
 LONGEST_STEP_S = 2.0
 
+# A track may have gaps, but a year without a sample is a time that is damaged.
+_LONGEST_GAP_S = 366 * 86_400.0
+
 # No receiver in the air is faster; positions may scatter by more than their speed within a short step.
 FASTEST_M_S, _SMALLEST_JUMP_M = 2_000.0, 1_000.0
 
@@ -118,6 +121,9 @@ def _read_track(path: Path) -> Truth:
         time_s, values = _sample(where, fields, columns)
         if times and time_s <= times[-1]:
             raise InputError(f"{where}: its time does not follow that of the line before.")
+        if times and time_s - times[-1] > _LONGEST_GAP_S:
+            days = (time_s - times[-1]) / 86_400
+            raise InputError(f"{where}: its time is {days:.0f} days after that of the line before; one is damaged.")
         if times:
             _require_possible_step(where, time_s - times[-1], _positions([rows[-1], values], columns))
         times.append(time_s)

@@ -14,7 +14,7 @@ from numpy.typing import ArrayLike, NDArray
 from scipy import special
 
 from pl_mc.arrays import FloatArray, ordinary_arithmetic
-from pl_mc.input_errors import require_one_shape, require_true
+from pl_mc.input_errors import require_numbers, require_one_shape, require_true
 from pl_mc.statistics.noncentral import (
     MOST_SHIFT,
     REACH,
@@ -148,9 +148,10 @@ def _log_within(limit: FloatArray, mean: FloatArray) -> FloatArray:
 
 
 def _require_axes(ratio: ArrayLike, major: ArrayLike, minor: ArrayLike) -> None:
-    value = np.asarray(ratio)
+    value = require_numbers(ratio, field="ratio")
     valid = (value >= LEAST_RATIO) & (value <= 1.0)
     require_true(valid, field="ratio", rule=f"a number from {LEAST_RATIO:g} to 1 is needed", of=value)
-    for name, shift in (("major", np.asarray(major)), ("minor", np.asarray(minor))):
+    for name, given in (("major", major), ("minor", minor)):
+        shift = require_numbers(given, field=name)
         rule = f"a number of at most {MOST_SHIFT:g} is needed"
         require_true(np.abs(shift) <= MOST_SHIFT, field=name, rule=rule, of=shift)

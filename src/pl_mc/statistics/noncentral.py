@@ -17,7 +17,7 @@ from numpy.typing import ArrayLike, NDArray
 from scipy import special
 
 from pl_mc.arrays import FloatArray, ordinary_arithmetic
-from pl_mc.input_errors import require_one_shape, require_true
+from pl_mc.input_errors import require_numbers, require_one_shape, require_true
 
 # Beyond this many standard deviations a normal density is below the smallest double.
 REACH = 40.0
@@ -90,6 +90,7 @@ def joint_exceedance(
         InputError: a value outside its range.
     """
     require_slope(slope)
+    shift = require_numbers(shift, field="shift")
     require_true(
         np.abs(shift) <= MOST_SHIFT, field="shift", rule=f"a number of at most {MOST_SHIFT:g} is needed", of=shift
     )
@@ -270,6 +271,6 @@ def _require_ranges(threshold: FloatArray, dof: FloatArray, noncentrality: Float
 
 
 def require_slope(slope: ArrayLike) -> None:
-    value = np.asarray(slope)
+    value = require_numbers(slope, field="slope")
     valid = (value >= 1.0 / _MOST_SLOPE) & (value <= _MOST_SLOPE)
     require_true(valid, field="slope", rule="a positive, finite number is needed", of=value)
