@@ -208,16 +208,16 @@ def test_signals_that_are_ignored_stay_ignored() -> None:
         signal.signal(signal.SIGHUP, before)
 
 
-def test_two_runs_into_one_folder_at_once(tmp_path: Path) -> None:
+def test_two_runs_into_one_folder_at_once(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
     """The second gets a sentence; the lock of one that was killed is nobody's; shares may write together."""
     first = started(tmp_path, "run", "one.toml", slow_s=0.5)
     wait_for(lambda: any(tmp_path.glob("runs/one.unfinished/sweep/part-*.parquet")), first)
-    second = started(tmp_path, "run", "one.toml", "--resume")
-    said = second.communicate(timeout=60)[1]
-    assert second.returncode == 2
+    monkeypatch.chdir(tmp_path)
+    said = said_by(capsys, "run", "one.toml", "--resume", code=2)
     assert f"runs/one: another run is writing there (process {first.pid}); wait for its end, or" in said
-    share = started(tmp_path, "run", "one.toml", "--shard", "1/2")
-    assert "another run is writing there" in share.communicate(timeout=60)[1]
+    assert "another run is writing there" in said_by(capsys, "run", "one.toml", "--shard", "1/2", code=2)
     first.kill()
     first.communicate()
     assert len(list((tmp_path / "runs").iterdir())) > 1

@@ -246,7 +246,7 @@ ROWS: dict[str, Any] = {
         (lambda: fly(survey_plan(), epochs=np.int64(3), interval_s=1e308), "flight: it can last up to"),
         (lambda: fly(survey_plan(), epochs=5, interval_s=np.nan), "interval_s: a finite number"),
         (lambda: pl_mc.AlertLimits("x", "float16", 40.0), "alert.vertical_m: an alert limit is positive"),
-        (lambda: pl_mc.biases(G[0], len), "biases: a table by satellite is needed"),
+        (lambda: pl_mc.biases(G[0], len), "biases: a table by satellite such as"),
         (lambda: pl_mc.ramps(G[0], satellites=5.0, start_m=0, stop_m=1, step_m=1), "satellites: a sequence"),
         (lambda: pl_mc.ramp(G[0], satellite=np.zeros(0), start_m=0, stop_m=1, step_m=1), "is not in view"),
         (lambda: pl_mc.ramp(G[0], satellite="G01", start_m=0, stop_m=1e308, step_m=5), "more than 1000000 steps"),

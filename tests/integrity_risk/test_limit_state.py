@@ -9,7 +9,8 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 import pl_mc
-from pl_mc.engine.events import EVENTS, events
+from pl_mc.alert import LPV_200
+from pl_mc.engine.events import EVENTS, events, limits_of
 from pl_mc.integrity_risk.rare.limit_state import FAR_M, RISK_EVENTS, LimitState, limit_state, rotation
 from pl_mc.methods import Igg3, Ls, Method, Outcome
 from reference.problems import appendix_d, random_series
@@ -39,7 +40,7 @@ def test_its_sign_is_the_event(error: float, vpl: float, available: bool, reject
         rejects=jnp.array(rejects),
     )
     names = [event.name for event in EVENTS]
-    happened = dict(zip(names, np.asarray(events(outcome, 35.0)), strict=True))
+    happened = dict(zip(names, np.asarray(events(outcome, limits_of(LPV_200, np.float64))), strict=True))
     for event in RISK_EVENTS:
         value = float(limit_state(outcome, 35.0, event))
         assert np.isfinite(value)

@@ -226,7 +226,8 @@ def test_a_test_beside_a_level_rejects_whatever_the_multiplier_is() -> None:
     table = pl_mc.time_to_alert(g, g[0].names[0], [0.0], (strict, deaf, Igg3()), **options).set_index("method")
     assert table.threshold[strict.name] == float("inf")
     assert table.false_alarm_rate[strict.name] == 1.0
-    assert table.threshold[deaf.name] == table.threshold["igg3"]
+    # The same estimate in another program.
+    assert table.threshold[deaf.name] == pytest.approx(table.threshold["igg3"], rel=1e-12)
 
 
 def test_the_test_of_a_method_stands_beside_detectors() -> None:
