@@ -83,6 +83,7 @@ SKY = pl_mc.simulate(epochs=1)[0]
         # Compact files: letters for digits, a satellite's differences for those of the clock, lines of the header.
         (COMPACT, lambda t: t.replace("115751 0", "x15751 0"), "no line of Hatanaka compression"),
         (COMPACT, lambda t: t.replace("115751 0", "\u00ea15751 0"), "no line of Hatanaka compression"),
+        (COMPACT, lambda t: re.sub(r"^(>.{30})0...", r"\g<1>40 0", t, count=1, flags=re.M), "Hatanaka compression"),
         (COMPACT, lambda t: clock_and(t, "72367 0"), 'CRINEX clock delta "72367 0" is not an integer'),
         (COMPACT, lambda t: t.replace("-13067609 0", "-1306760P 0"), "cannot be undone"),
         (COMPACT, lambda t: swapped(t, "APPROX", "^115751 0"), "no line of Hatanaka compression"),

@@ -22,7 +22,7 @@ _VERSION = re.compile(r"([234])(\.\d?\d?)?", re.ASCII)
 # What compact records hold: differences, flags and changed satellites; no point and no small letter.
 _DIFFERENCES = re.compile(r"[0-9A-Z &-]*", re.ASCII)
 
-_COMPACT_EVENT = re.compile(r"(?:&.{27}|>.{30})[2-5]([ \d]{2}\d)", re.ASCII)
+_COMPACT_EVENT = re.compile(r"(?:&.{27}|>.{30})[2-5](  \d| \d{2}|\d{3})", re.ASCII)
 
 # Names that a note gives before it counts.
 _NAMED_AT_MOST = 8
