@@ -194,6 +194,13 @@ def _sem(path: Path, lines: Sequence[str]) -> Iterator[tuple[int, dict[str, floa
             f"{path}: its first line promises {count} satellites of {_SEM_NUMBERS} numbers, but it holds "
             f"{len(fields)} numbers; is it cut short?"
         )
+    scaled = [(k, word) for k, word in fields if "e" in word.lower()]
+    headless = [(k, word) for k, word in scaled if word.lstrip("+-").startswith(".")]
+    if 0 < len(headless) < len(scaled):
+        at, word = headless[0]
+        raise InputError(
+            f"{path}: line {at}: a number with digits before its point, as others here, is needed, not {word}."
+        )
     after_blank = {k: not lines[k - 2].strip() for k, _ in fields[::_SEM_NUMBERS]}
     apart = any(list(after_blank.values())[1:])
     for first in range(0, len(fields), _SEM_NUMBERS):
