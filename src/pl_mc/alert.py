@@ -137,30 +137,43 @@ def as_axes(axes: str | Sequence[str] | None, alert: AlertLimits) -> tuple[str, 
     Raises:
         InputError: none, an unknown one, one twice, or one whose limit is missing.
     """
-    if axes is None:
-        return (VERTICAL,) if alert.has_vertical else (HORIZONTAL,)
-    given = [axes] if isinstance(axes, str) else list(require_list(axes, field="axes", of="axes"))
+    if axes is None or isinstance(axes, str):
+        return (as_axis(axes, alert, field="axes"),)
+    given = require_list(axes, field="axes", of="axes")
     if not given:
         raise InputError(f"axes: at least one is needed (of {', '.join(AXES)}).")
-    for axis in given:
-        require_choice(axis, AXES, field="axes")
-        for needed in (VERTICAL, HORIZONTAL) if axis == EITHER else (axis,):
-            if needed not in alert.limit_m:
-                raise InputError(
-                    f"axes: {axis} needs a {needed} limit, and {alert.name} has {alert.words} alone; give one, or "
-                    f"take the axis {next(iter(alert.limit_m))}."
-                )
-    if len(set(given)) < len(given):
+    found = tuple(as_axis(axis, alert, field="axes") for axis in given)
+    if len(set(found)) < len(found):
         raise InputError("axes: each axis is judged once.")
-    return tuple(given)
+    return found
+
+
+def as_axis(axis: str | None, alert: AlertLimits, *, field: str = "axis") -> str:
+    """One axis: that asked for, else the vertical where it has a limit; an `InputError` that names ``field``."""
+    if axis is None:
+        return VERTICAL if alert.has_vertical else HORIZONTAL
+    require_choice(axis, AXES, field=field)
+    for needed in judged_by(axis):
+        if needed not in alert.limit_m:
+            raise InputError(
+                f"{field}: {axis} needs a {needed} limit, and {alert.name} has {alert.words} alone; give one, or "
+                f"take the axis {next(iter(alert.limit_m))}."
+            )
+    return axis
+
+
+def judged_by(axis: str) -> tuple[str, ...]:
+    """The limits, vertical and horizontal, by which an axis judges."""
+    return (VERTICAL, HORIZONTAL) if axis == EITHER else (axis,)
 
 
 def unjudged_note(alert: AlertLimits, axes: Sequence[str] = (VERTICAL,)) -> str:
-    """A sentence for tables and summaries: which limit decides nothing; empty where none is left out."""
-    left = [axis for axis in alert.limit_m if axis not in axes and EITHER not in axes]
-    if not left:
+    """A sentence for tables and summaries: which limit decides nothing beside another; empty where none does."""
+    by = {limit for axis in axes for limit in judged_by(axis)}
+    left = [axis for axis in alert.limit_m if axis not in by]
+    if not left or not by:
         return ""
-    (axis,), judged = left, next(iter(set(alert.limit_m) - set(left)))
+    (axis,), (judged,) = left, by
     return (
         f"The {axis} alert limit of {alert.name}, {alert.limit_m[axis]:g} m, is not judged: "
         f"the {judged} one, {alert.limit_m[judged]:g} m, decides alone."

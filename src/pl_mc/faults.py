@@ -119,14 +119,13 @@ def biases(g: Geometry, bias_m: Mapping[str, float] | str) -> Faults:
         InputError: text of another form, a satellite that is not in view or named twice, a bias that is no number.
     """
     require_geometry(g)
-    given = _read_fault(bias_m) if isinstance(bias_m, str) else bias_m
-    if not isinstance(given, Mapping):
+    if not isinstance(bias_m, str | Mapping):
         raise InputError(
             f"biases: a table by satellite such as {{'G02': 30.0}}, or text such as G02:+30m, is needed, not "
-            f"{shown(given)}."
+            f"{shown(bias_m)}."
         )
     by_name: dict[str, float] = {}
-    for named, value in given.items():
+    for named, value in _read_fault(bias_m) if isinstance(bias_m, str) else bias_m.items():
         for name in _satellites_of(g, named):
             if name in by_name:
                 raise InputError(f"biases: {name} is named twice.")
@@ -139,21 +138,17 @@ def biases(g: Geometry, bias_m: Mapping[str, float] | str) -> Faults:
     return Faults(faults.bias_m, faults.names, (fault_label(by_name),))
 
 
-def _read_fault(text: str) -> dict[str, float]:
-    """The biases of a label."""
-    if text.strip() == NO_FAULT:
-        return {}
-    found = {}
-    for part in text.split(","):
+def _read_fault(text: str) -> list[tuple[str, float]]:
+    """The biases of a label, in order."""
+    found: list[tuple[str, float]] = []
+    for part in [] if text.strip() == NO_FAULT else text.split(","):
         one = _ONE_BIAS.fullmatch(part.strip())
         if one is None:
             raise InputError(
                 f"biases: {shown(part)} is no fault; the form is G02:+30m, several satellites G01+G13:+30m or "
                 "G01:+30m,C08:-20m, all of a system G:+20m."
             )
-        if one[1] in found:
-            raise InputError(f"biases: {one[1]} is named twice.")
-        found[one[1]] = float(one[2])
+        found.append((one[1], float(one[2])))
     return found
 
 

@@ -145,6 +145,16 @@ def test_bad_axes(change: dict, words: str) -> None:
         small.run(**change)
 
 
+def test_one_axis_at_a_time() -> None:
+    """Where one alarm is told there is one axis; the sentence names the option."""
+    g = small.SERIES[0]
+    for axis, words in ((AXES[:2], "axis: "), ("up", "axis: 'up' is unknown"), (3, "axis: 3 is unknown")):
+        with pytest.raises(pl_mc.InputError, match=words):
+            pl_mc.solve(g, np.zeros(len(g.names)), axis=axis)  # type: ignore[arg-type]
+        with pytest.raises(pl_mc.InputError, match=words):
+            pl_mc.sample(g, pl_mc.no_fault(g), draws=3, seed=1, axis=axis)  # type: ignore[arg-type]
+
+
 def test_limits() -> None:
     with pytest.raises(pl_mc.InputError, match="alert: mine has no limit; vertical_m, horizontal_m or both"):
         pl_mc.AlertLimits("mine")

@@ -86,6 +86,13 @@ def test_faults_as_text_in_an_experiment() -> None:
     assert notes == ()
 
 
+def test_a_limit_for_what_judges_by_none(capsys: pytest.CaptureFixture[str]) -> None:
+    with pytest.raises(SystemExit) as stop:
+        main(("run", "guo2022", "--val", "3", "-q"))
+    assert stop.value.code == 2
+    assert "--val: an experiment of the kind guo judges by no alert limit." in capsys.readouterr().err
+
+
 def test_what_decides_vertically_alone_refuses_the_rest() -> None:
     g = pl_mc.simulate(epochs=1)[0]
     with pytest.raises(InputError, match="alert: NPA has no vertical limit, which decides here"):

@@ -114,7 +114,11 @@ def test_rates_belong_together(day: pl_mc.Geometry) -> None:
     assert (rates.misleading_rate <= rates.exceeded_rate).all()
     of_test = [ls_rates(day, faults, axis=axis, alarm="chi2") for axis in ("vertical", "horizontal")]
     np.testing.assert_array_equal(of_test[0].alarm_rate, of_test[1].alarm_rate)
-    with pytest.raises(InputError, match="axes: horizontal needs a horizontal limit, and test has VAL 35 m alone"):
+    with pytest.raises(InputError, match="axis: horizontal needs a horizontal limit, and test has VAL 35 m alone"):
         ls_rates(day, faults, axis="horizontal", alert=pl_mc.AlertLimits("test", vertical_m=35.0))
     with pytest.raises(InputError, match="axis: 'either' is unknown"):
         ls_rates(day, faults, axis="either")  # type: ignore[arg-type]
+    with pytest.raises(InputError, match=r"k_horizontal: it does nothing on the vertical axis; .* k_vertical"):
+        ls_rates(day, faults, k_horizontal=5.0)
+    with pytest.raises(InputError, match="k_vertical: it does nothing on the horizontal axis"):
+        ls_rates(day, faults, axis="horizontal", k_vertical=5.0)

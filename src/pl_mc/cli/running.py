@@ -69,8 +69,12 @@ def run(
     from pl_mc.engine import Execution
     from pl_mc.experiments.loading import load_experiment
     from pl_mc.experiments.running import run_experiment, run_shard
+    from pl_mc.studies.registry import study_of
+    from pl_mc.studies.spec import kind_of
 
     name, record = load_experiment(experiment, overrides(draws, seed, val))
+    if val is not None and not study_of(record).judged:
+        raise InputError(f"--val: an experiment of the kind {kind_of(record)} judges by no alert limit.")
     share = None if shard is None else _share(shard)
     execution = Execution(
         workers=workers, devices=devices, scheduler=scheduler, resume=resume, shard=share,

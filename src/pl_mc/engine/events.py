@@ -16,7 +16,7 @@ import numpy as np
 from jax import Array
 from numpy.typing import DTypeLike, NDArray
 
-from pl_mc.alert import EITHER, HORIZONTAL, VERTICAL, AlertLimits
+from pl_mc.alert import HORIZONTAL, VERTICAL, AlertLimits, judged_by
 from pl_mc.geometry.record import EAST, NORTH, UP
 from pl_mc.methods.base import Outcome
 
@@ -54,7 +54,7 @@ def limits_of(alert: AlertLimits, dtype: DTypeLike) -> NDArray[np.floating]:
 
 def _judged(axis: str) -> tuple[int, ...]:
     """Places of the vertical (0) and the horizontal (1) among errors, levels and limits."""
-    return (0, 1) if axis == EITHER else ((VERTICAL, HORIZONTAL).index(axis),)
+    return tuple((VERTICAL, HORIZONTAL).index(limit) for limit in judged_by(axis))
 
 
 def alarms(outcome: Outcome, limits_m: Array | NDArray, axis: str = VERTICAL) -> Array:

@@ -13,7 +13,7 @@ import pandas as pd
 from jax import Array
 from numpy.typing import NDArray
 
-from pl_mc.alert import LPV_200, AlertLimits, as_axes
+from pl_mc.alert import LPV_200, AlertLimits, as_axis
 from pl_mc.arrays import ordinary_arithmetic
 from pl_mc.engine.calls import Chunk, run_calls
 from pl_mc.engine.checks import LARGEST_DRAWS, LARGEST_SEED, require_errors, require_geometry_and_alert, require_inputs
@@ -58,7 +58,7 @@ def sample(
         hpl_m, vpl_m, available, alarm, unconverged, tied``. Numbers are missing where a method is not available.
     """
     alert = require_inputs(g, faults, alert, any_axis=True)
-    (axis,) = as_axes(axis, alert)
+    axis = as_axis(axis, alert)
     draws = require_whole(draws, field="draws", low=1, high=LARGEST_DRAWS)
     seed = require_whole(seed, field="seed", low=0, high=LARGEST_SEED)
     chosen, shaped = as_methods(methods), as_noise_model(noise, g)
@@ -114,7 +114,7 @@ def solve(
         and ``tied`` are those of `pl_mc.engine.events`.
     """
     alert = require_geometry_and_alert(g, alert, any_axis=True)
-    (axis,) = as_axes(axis, alert)
+    axis = as_axis(axis, alert)
     series, errors = g.as_series(), require_errors(g, errors_m)
     chosen = as_methods(methods)
     dtype = dtype_of(precision)

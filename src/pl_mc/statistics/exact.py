@@ -14,12 +14,12 @@ import numpy as np
 import pandas as pd
 from scipy import special
 
-from pl_mc.alert import HORIZONTAL, LPV_200, VERTICAL, AlertLimits, as_axes, as_limits
+from pl_mc.alert import HORIZONTAL, LPV_200, VERTICAL, AlertLimits, as_axis, as_limits
 from pl_mc.arrays import FloatArray, ordinary_arithmetic
 from pl_mc.constants import K_HORIZONTAL, K_VERTICAL
 from pl_mc.faults import Faults, require_faults
 from pl_mc.geometry.record import Geometry, require_geometry
-from pl_mc.input_errors import require_choice, require_within
+from pl_mc.input_errors import InputError, require_choice, require_within
 from pl_mc.statistics.least_squares import fault_effects, ls_quantities
 from pl_mc.statistics.length import LEAST_RATIO, joint_length_exceedance, length_beyond
 from pl_mc.statistics.noncentral import joint_exceedance, split_at_threshold
@@ -76,11 +76,15 @@ def ls_rates(
     require_choice(alarm, (PL_ALARM, CHI2_ALARM), field="alarm")
     require_geometry(g)
     require_faults(faults).require_geometry(g)
-    require_choice(axis, (VERTICAL, HORIZONTAL), field="axis")
     alert = as_limits(alert)
-    as_axes(axis, alert)
-    name, factor = ("k_vertical", k_vertical) if axis == VERTICAL else ("k_horizontal", k_horizontal)
-    factor, limit_m = require_within(factor, field=name, low=1e-9, high=1e100), alert.limit_m[axis]
+    require_choice(axis, (VERTICAL, HORIZONTAL), field="axis")
+    limit_m = alert.limit_m[as_axis(axis, alert)]
+    factors = {VERTICAL: (k_vertical, K_VERTICAL), HORIZONTAL: (k_horizontal, K_HORIZONTAL)}
+    for other, (given, usual) in factors.items():
+        factor = require_within(given, field=f"k_{other}", low=1e-9, high=1e100)
+        if other != axis and factor != usual:
+            raise InputError(f"k_{other}: it does nothing on the {axis} axis; leave it out, or give k_{axis}.")
+    factor = factors[axis][0]
     quantities = ls_quantities(g)
     effects = fault_effects(g, faults, quantities)
     series = g.as_series()
