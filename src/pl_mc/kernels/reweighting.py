@@ -96,11 +96,8 @@ def reweighted(
 
     # The last solution stands outside the loop, since it alone is asked for its cofactors.
     plain = AITKEN_START - 1 if options.accelerated else options.solutions - 1
-    on_the_way = _Lanes(start, scale, first, first_weights, tuple(jnp.zeros_like(one) for one in first.shift))
-    on_the_way, _ = jax.lax.scan(lambda lanes, _: (_step(model, lanes, options), None), on_the_way, None, length=plain)
-    before, weights = on_the_way.iterate, on_the_way.weights
-    if options.accelerated:
-        before, weights = _settled(model, on_the_way, options)
+    lanes = _plain(model, start, first, first_weights, options, plain, scale=scale)
+    before, weights = _settled(model, lanes, options) if options.accelerated else (lanes.iterate, lanes.weights)
     weights = _weights(model, before, weights, options, scale)
     last, cofactor = solve_weighted(
         model, start, weights, before.determined, cofactors=True, relative=_relative(options)
@@ -151,6 +148,15 @@ class _Lanes:
 
 def _relative(options: IrlsOptions) -> bool:
     return isinstance(options.weight, L1Weight)
+
+
+def _plain(
+    model: LinearModel, start: LeastSquaresSolution, first: Iterate, weights: Array, options: IrlsOptions, count: int,
+    *, scale: Array | None = None,
+) -> _Lanes:  # fmt: skip
+    """So many solutions, one after the other."""
+    lanes = _Lanes(start, scale, first, weights, tuple(jnp.zeros_like(one) for one in first.shift))
+    return jax.lax.scan(lambda lanes, _: (_step(model, lanes, options), None), lanes, None, length=count)[0]
 
 
 def _step(model: LinearModel, lanes: _Lanes, options: IrlsOptions) -> _Lanes:
@@ -233,14 +239,8 @@ def _huber_start(
     model: LinearModel, start: LeastSquaresSolution, first: Iterate, weights: Array, options: IrlsOptions
 ) -> tuple[Iterate, Array]:
     """The last of the solutions with Huber's weights, and those weights."""
-    huber = replace(options, weight=HuberWeight())
-
-    def step(carry: tuple[Iterate, Array], _: None) -> tuple[tuple[Iterate, Array], None]:
-        iterate, weights = carry
-        weights = _weights(model, iterate, weights, huber)
-        return (solve_weighted(model, start, weights, iterate.determined)[0], weights), None
-
-    return jax.lax.scan(step, (first, weights), None, length=HUBER_START)[0]
+    lanes = _plain(model, start, first, weights, replace(options, weight=HuberWeight()), HUBER_START)
+    return lanes.iterate, lanes.weights
 
 
 def _kept(model: LinearModel, weights: Array) -> Array:
