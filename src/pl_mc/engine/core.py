@@ -18,6 +18,7 @@ from pl_mc.engine.events import EVENTS, events
 from pl_mc.engine.noise import epoch_key, live_lanes, unit_inputs
 from pl_mc.kernels import LeastSquaresSolution, LinearModel, linear_model
 from pl_mc.kernels.linear_model import product
+from pl_mc.kernels.parameters import Trees, of_trees
 from pl_mc.methods.base import Method, Outcome
 from pl_mc.noise_models import GAUSSIAN, NoiseModel
 
@@ -53,8 +54,8 @@ def count_events(
     full_blocks: Array,
     remainder: Array,
     limits_m: Array,
+    methods: Trees,
     *,
-    methods: tuple[Method, ...],
     axes: tuple[str, ...],
     blocks: int,
     together: int = 1,
@@ -62,14 +63,17 @@ def count_events(
 ) -> Array:
     """(e, f, rows, events), how often each event of `EVENTS` happened in ``blocks`` blocks of noise (int32).
 
-    There is a row for each method and axis, method by method. ``limits_m`` (2,) are VAL and HAL.
+    There is a row for each method and axis, method by method. ``limits_m`` (2,) are VAL and HAL; ``methods`` are those
+    of `as_trees`, so that their numbers are arguments like any array.
     Blocks below ``full_blocks`` count whole, the block of that number counts its first ``remainder`` draws, later
     ones do not count. ``together`` blocks are taken at a time, side by side: few suit the caches of a processor,
     many fill an accelerator.
     """
 
+    chosen = of_trees(methods)
+
     def count_epoch(one: EpochBatch) -> Array:
-        model, prepared = prepare_epoch(one, methods)
+        model, prepared = prepare_epoch(one, chosen)
 
         def add_blocks(total: Array, group: Array) -> tuple[Array, None]:
             live = side_by_side(jax.vmap(lambda block: live_lanes(block, full_blocks, remainder))(group))
@@ -81,14 +85,14 @@ def count_events(
                 return product(seen.astype(live.dtype), live).astype(jnp.int32)
 
             noise = side_by_side(jax.vmap(lambda block: block_noise(model, one, seed, block, noise_model))(group))
-            nothing = jnp.zeros((len(methods) * len(axes), len(EVENTS)), jnp.int32)
-            return total + each_outcome(model, prepared, methods, one, noise, count, skipped=nothing), None
+            nothing = jnp.zeros((len(chosen) * len(axes), len(EVENTS)), jnp.int32)
+            return total + each_outcome(model, prepared, chosen, one, noise, count, skipped=nothing), None
 
         # Groups are filled up with a block that does not count.
         groups = -(-blocks // together)
         place = jnp.arange(groups * together, dtype=jnp.int32)
         numbers = jnp.where(place < blocks, first_block + place, full_blocks + 1).reshape(groups, together)
-        none = jnp.zeros((one.bias_m.shape[0], len(methods) * len(axes), len(EVENTS)), jnp.int32)
+        none = jnp.zeros((one.bias_m.shape[0], len(chosen) * len(axes), len(EVENTS)), jnp.int32)
         return jax.lax.scan(add_blocks, none, numbers)[0]
 
     return jax.lax.map(count_epoch, batch)
@@ -100,14 +104,15 @@ def side_by_side(blocks: Array) -> Array:
 
 
 def block_outcomes(
-    batch: EpochBatch, seed: Array, block: Array, *, methods: tuple[Method, ...], noise_model: NoiseModel = GAUSSIAN
+    batch: EpochBatch, seed: Array, block: Array, methods: Trees, *, noise_model: NoiseModel = GAUSSIAN
 ) -> list[Outcome]:
     """The outcomes themselves of one block of noise, per method, with leading axes (e, f)."""
+    chosen = of_trees(methods)
 
     def one_epoch(one: EpochBatch) -> list[Outcome]:
-        model, prepared = prepare_epoch(one, methods)
+        model, prepared = prepare_epoch(one, chosen)
         noise = block_noise(model, one, seed, block, noise_model)
-        return each_outcome(model, prepared, methods, one, noise, lambda outcomes: outcomes)
+        return each_outcome(model, prepared, chosen, one, noise, lambda outcomes: outcomes)
 
     return jax.lax.map(one_epoch, batch)
 

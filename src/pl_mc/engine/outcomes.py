@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import functools
 from collections.abc import Sequence
 from dataclasses import replace
 from typing import Any
@@ -25,13 +24,14 @@ from pl_mc.faults import Faults
 from pl_mc.geometry.record import EAST, NORTH, UP, Geometry
 from pl_mc.input_errors import require_whole
 from pl_mc.kernels import linear_model, start_from
+from pl_mc.kernels.parameters import Trees, as_trees, of_trees
 from pl_mc.methods import Method, Outcome, as_methods
 from pl_mc.noise_models import GAUSSIAN, NoiseModel, as_noise_model
 from pl_mc.runtime.precision import dtype_of, precision_scope
 
 OUTCOME_COLUMNS = ("east_m", "north_m", "up_m", "hpl_m", "vpl_m", "available", "alarm", "unconverged", "tied")
 
-_block_outcomes = jax.jit(block_outcomes, static_argnames=("methods", "noise_model"))
+_block_outcomes = jax.jit(block_outcomes, static_argnames=("noise_model",))
 
 
 @ordinary_arithmetic
@@ -66,7 +66,7 @@ def sample(
 
     def solved(chunk: Chunk, block: np.int32, *others: np.int32) -> list[Outcome]:
         batch = plan.batch(chunk, dtype_of(precision))
-        return _block_outcomes(batch, np.uint32(seed), block, methods=chosen, noise_model=shaped)
+        return _block_outcomes(batch, np.uint32(seed), block, as_trees(chosen), noise_model=shaped)
 
     parts = []
     for chunk, outcomes in run_calls(plan, solved, precision=precision):
@@ -120,7 +120,11 @@ def solve(
     dtype = dtype_of(precision)
     with precision_scope(precision):
         found = _solve_series(
-            series.design.astype(dtype), series.sigma_m.astype(dtype), series.in_view, errors.astype(dtype), chosen
+            series.design.astype(dtype),
+            series.sigma_m.astype(dtype),
+            series.in_view,
+            errors.astype(dtype),
+            as_trees(chosen),
         )
         found = jax.tree.map(np.asarray, found)
     parts = []
@@ -136,14 +140,14 @@ def solve(
     return pd.concat(parts).sort_values("epoch", kind="stable").reset_index(drop=True)
 
 
-@functools.partial(jax.jit, static_argnames=("methods",))
-def _solve_series(
-    design: Array, sigma_m: Array, in_view: Array, errors_m: Array, methods: tuple[Method, ...]
-) -> list[Outcome]:
+@jax.jit
+def _solve_series(design: Array, sigma_m: Array, in_view: Array, errors_m: Array, methods: Trees) -> list[Outcome]:
+    chosen = of_trees(methods)
+
     def one_epoch(rows: Array, sigma: Array, seen: Array, errors: Array) -> list[Outcome]:
         model = linear_model(rows, sigma, seen)
         start = start_from(model, errors)
-        return [method.solve(model, method.prepare(model), start) for method in methods]
+        return [method.solve(model, method.prepare(model), start) for method in chosen]
 
     return jax.vmap(one_epoch)(design, sigma_m, in_view, errors_m)
 

@@ -11,6 +11,7 @@ from collections.abc import Callable, Generator, Iterable, Sequence
 from dataclasses import dataclass
 from typing import Any, ClassVar, Protocol
 
+import jax
 import numpy as np
 import pandas as pd
 import pyarrow as pa
@@ -26,6 +27,7 @@ from pl_mc.engine.part_task import Kind, array_fingerprint
 from pl_mc.engine.plan import Plan, make_plan
 from pl_mc.faults import Faults
 from pl_mc.geometry.record import Geometry
+from pl_mc.kernels.parameters import as_trees
 from pl_mc.methods.base import Method
 from pl_mc.noise_models import GAUSSIAN, NoiseModel
 from pl_mc.runtime.precision import dtype_of
@@ -117,7 +119,7 @@ class SweepTask:
         dtype = dtype_of(self.precision)
         counts = compiled_count(devices)(
             self.plan.batch(chunk, dtype), np.uint32(self.seed), *noise, limits_of(self.alert, dtype),
-            methods=self.methods, axes=self.axes, blocks=self.plan.blocks_per_call, noise_model=self.noise,
+            as_trees(self.methods), axes=self.axes, blocks=self.plan.blocks_per_call, noise_model=self.noise,
         )  # fmt: skip
         return np.asarray(counts)[: chunk.size]
 
@@ -206,7 +208,8 @@ class SweepTask:
         """What the compiled function depends on."""
         g, plan = self.plan.geometry, self.plan
         sizes = (plan.epochs_per_call, plan.blocks_per_call, plan.fault_index.shape[1], *g.design.shape[1:])
-        return self.methods, self.axes, self.noise, self.precision, devices, sizes
+        structure = jax.tree.structure(as_trees(self.methods))
+        return structure, self.axes, self.noise, self.precision, devices, sizes
 
     def _part(self, number: int, gathered: list[tuple[Chunk, NDArray[np.int32]]]) -> PartCounts:
         first, stop = gathered[0][0].first_epoch, gathered[-1][0].stop_epoch

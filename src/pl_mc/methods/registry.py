@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from typing import Any
 
+from pl_mc.kernels.parameters import with_numbers
 from pl_mc.methods.araim import Araim
 from pl_mc.methods.base import Method
 from pl_mc.methods.danish import Danish
@@ -55,4 +56,4 @@ def method(name: str, **options: Any) -> Method:
 
 def as_methods(methods: Sequence[str | Method]) -> tuple[Method, ...]:
     """Names and records, made records; an `InputError` for none, for strangers and for two of one name."""
-    return as_records(methods, METHODS, Method, what="method")
+    return as_records(methods, METHODS, Method, what="method", read=with_numbers)

@@ -22,6 +22,7 @@ from pl_mc.arrays import FloatArray
 from pl_mc.engine.events import unconverged
 from pl_mc.geometry.record import POSITION_UNKNOWNS, UP, Geometry
 from pl_mc.kernels import linear_model, start_from
+from pl_mc.kernels.parameters import Trees, as_trees, of_trees
 from pl_mc.methods.base import Method, Outcome
 from pl_mc.noise_models import GAUSSIAN, NoiseModel
 from pl_mc.runtime.precision import precision_scope
@@ -159,13 +160,13 @@ class EpochState(InCoordinates):
         """(N,), what a function of outcomes, alert limit and event makes of points (N, dimension), call by call."""
         arrays = (self.design, self.sigma_m, self.in_view, self.bias_m)
         rows, vertical_m = self.coordinates.matrix, np.float64(self.vertical_m)
-        values = np.empty(len(points))
+        values, method = np.empty(len(points)), as_trees((self.method,))
         with precision_scope("float64"):
             for start in range(0, len(points), POINTS_PER_CALL):
                 some = points[start : start + POINTS_PER_CALL]
                 noise = np.zeros((POINTS_PER_CALL, rows.shape[0]))
                 noise[: len(some)] = some @ rows.T
-                found = _values(*arrays, noise, vertical_m, event, of=of, method=self.method, noise_model=noise_model)
+                found = _values(*arrays, noise, vertical_m, event, method, of=of, noise_model=noise_model)
                 values[start : start + len(some)] = np.asarray(found)[: len(some)]
         return values
 
@@ -189,12 +190,13 @@ class LimitState(EpochState):
         return self.computed(points, _unconverged, np.int32(0), self.noise) > 0
 
 
-@functools.partial(jax.jit, static_argnames=("of", "method", "noise_model"))
+@functools.partial(jax.jit, static_argnames=("of", "noise_model"))
 def _values(
-    design: Array, sigma_m: Array, in_view: Array, bias_m: Array, noise: Array, vertical_m: Array, event: Array, *,
-    of: OfOutcome, method: Method, noise_model: NoiseModel,
+    design: Array, sigma_m: Array, in_view: Array, bias_m: Array, noise: Array, vertical_m: Array, event: Array,
+    methods: Trees, *, of: OfOutcome, noise_model: NoiseModel,
 ) -> Array:  # fmt: skip
     """(N,), what ``of`` makes of the outcomes of standard normal numbers (N, k n)."""
+    (method,) = of_trees(methods)
     model = linear_model(design, sigma_m, in_view)
     prepared = method.prepare(model)
     rows = sigma_m.shape[0]

@@ -14,7 +14,6 @@ not depend on the limits: s_i is multiplied by them (`pl_mc.integrity_risk.tunin
 
 from __future__ import annotations
 
-import functools
 from dataclasses import dataclass, replace
 
 import jax
@@ -135,11 +134,11 @@ class TuningProblem:
                     np.bool_(self.misleading),
                 )  # fmt: skip
                 if not slopes:
-                    values = _values(limits, scenario, options=self.options)
+                    values = _values(limits, scenario, self.options)
                     found[0, :, here] = np.asarray(values)[:, : len(some)]
                     continue
                 for j, direction in enumerate(np.eye(2)):
-                    part = np.asarray(_with_slope(limits, direction, scenario, options=self.options))
+                    part = np.asarray(_with_slope(limits, direction, scenario, self.options))
                     found[[0, 1 + j], :, here] = part[:, :, : len(some)]
         return found
 
@@ -220,23 +219,15 @@ def _steepness(place: FloatArray) -> FloatArray:
     return special.expit(place) * special.expit(-place)
 
 
-def _limited(k0: Array, k1: Array) -> Igg3Weight:
-    """IGG-III weights whose limits are traced; the record's own check takes numbers alone."""
-    weight = object.__new__(Igg3Weight)
-    object.__setattr__(weight, "k0", k0)
-    object.__setattr__(weight, "k1", k1)
-    return weight
-
-
 def _logs(limits: Array, scenario: Scenario, options: IrlsOptions) -> Array:
     """(2, N), logarithms of the ratio and of the level for a multiplier of one."""
     design, sigma_m, bias_m, noise, vertical_m, misleading = scenario
     model = linear_model(design, sigma_m)
-    traced = replace(options, weight=_limited(limits[0], limits[1]))
+    limited = replace(options, weight=Igg3Weight(limits[0], limits[1]))
 
     def one_tile(tile: Array) -> Array:
         start = start_from(model, tile.T * sigma_m[:, None] + bias_m[:, None])
-        estimate = irls(model, start, traced)
+        estimate = irls(model, start, limited)
         outcome = outcome_of(estimate, protection_levels(estimate, k_vertical=1.0))
         ratio = ratio_of(outcome, vertical_m, misleading)
         event = (ratio > 0) & jnp.isfinite(ratio)
@@ -256,14 +247,14 @@ def _logs(limits: Array, scenario: Scenario, options: IrlsOptions) -> Array:
     return jnp.moveaxis(found, 1, 0).reshape(2, -1)
 
 
-@functools.partial(jax.jit, static_argnames=("options",))
-def _values(limits: Array, scenario: Scenario, *, options: IrlsOptions) -> Array:
+@jax.jit
+def _values(limits: Array, scenario: Scenario, options: IrlsOptions) -> Array:
     """(2, N), see `_logs`."""
     return _logs(limits, scenario, options)
 
 
-@functools.partial(jax.jit, static_argnames=("options",))
-def _with_slope(limits: Array, direction: Array, scenario: Scenario, *, options: IrlsOptions) -> Array:
+@jax.jit
+def _with_slope(limits: Array, direction: Array, scenario: Scenario, options: IrlsOptions) -> Array:
     """(2, 2, N), the same with the derivative along a direction of (k0, k1)."""
 
     def logs(limits: Array) -> Array:
