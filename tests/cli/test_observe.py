@@ -15,8 +15,6 @@ from pl_mc.alert import LPV_200
 from pl_mc.cli.main import main
 from pl_mc.experiments.checking import check_experiment
 from pl_mc.experiments.loading import build_experiment
-from pl_mc.injection import Injection, parse_injection
-from pl_mc.input_errors import InputError
 from pl_mc.report.run_folder import read_run_folder
 from pl_mc.studies.observe import STUDY
 from pl_mc.studies.observe.run import error_figure
@@ -239,15 +237,3 @@ def test_a_check_names_every_missing_file_by_its_field(tmp_path: Path) -> None:
     assert [(problem.field, problem.line, problem.reason) for problem in problems] == [
         (name, line, f"{name}.rnx: there is no such file.") for line, name in ((3, "observations"), (4, "navigation"))
     ]
-
-
-def test_injections_are_read() -> None:
-    assert parse_injection("G02:+30m:545-645") == Injection("G02", 30.0, 545, 645)
-    assert parse_injection(" C11:-20.5 ") == Injection("C11", -20.5)
-    assert str(parse_injection("G02:+30m:545-645")) == "G02:+30m:545-645"
-
-
-@pytest.mark.parametrize("text", ["", "G02", "G02:m", "G02:3xm", "G02:nan:1-2", "G02:inf", "G02:3:5", "G02:3:9-5"])
-def test_other_injections_are_refused(text: str) -> None:
-    with pytest.raises(InputError, match="fault"):
-        parse_injection(text)
