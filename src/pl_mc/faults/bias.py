@@ -27,7 +27,8 @@ _DIGITS, _RATE_DIGITS = 9, 14
 
 _NUMBER = r"[+-]?(?:[0-9]+\.?[0-9]*|\.[0-9]+)(?:e[+-]?[0-9]+)?"
 _SIZE = re.compile(
-    rf"(?P<sign>\+-|[+-])?(?:(?P<law>[a-z]+)\( ?(?P<numbers>{_NUMBER}(?: ?, ?{_NUMBER})*) ?\)|(?P<value>(?![+-]){_NUMBER}))"
+    rf"(?P<sign>\+-|[+-])?(?:(?P<law>[a-z]+)\( ?(?P<numbers>{_NUMBER}(?: ?, ?{_NUMBER})*) ?\)"
+    rf"|(?P<value>(?![+-]){_NUMBER}))"
     r"(?: ?(?P<unit>m/s|m))?(?P<independent> independent)?"
 )
 _WINDOW = re.compile(r"([0-9]{1,15})-([0-9]{0,15})")

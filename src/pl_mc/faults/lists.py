@@ -84,8 +84,19 @@ def biases(g: Geometry, bias_m: Mapping[str, float] | str) -> Faults:
 def require_text(text: str) -> str:
     """``text`` if `biases` can read it, whatever the geometry; else an `InputError`."""
     found = _EVERY.fullmatch(text)
-    parse_fault(f"G+C:{found[3]}" if found else text)
+    if found is None:
+        parse_fault(text)
+    else:
+        _one_bias(text, found, found[2] or "G+C")
     return text
+
+
+def _one_bias(text: str, every: re.Match[str], of: str) -> Bias:
+    """The bias after a word of `_EVERY`, on all that the word is about."""
+    parts = parse_fault(f"{of}:{every[3]}")
+    if len(parts) != 1:
+        raise InputError(f"biases: {shown(text)} is no fault; one bias follows {every[1]}, such as {every[1]}:+30m.")
+    return parts[0]
 
 
 def _every(g: Geometry, text: str) -> list[str]:
@@ -93,12 +104,9 @@ def _every(g: Geometry, text: str) -> list[str]:
     found = _EVERY.fullmatch(text)
     if found is None:
         return [text]
-    of = found[2] or "+".join(dict.fromkeys(g.systems))
-    parts = parse_fault(f"{of}:{found[3]}")
-    if len(parts) != 1:
-        raise InputError(f"biases: {shown(text)} is no fault; one bias follows {found[1]}, such as {found[1]}:+30m.")
-    _require_named(g, parts[0].of)
-    seen = seen_satellites(g.as_series(), parts[0].rows(g.as_series()))
+    bias = _one_bias(text, found, found[2] or "+".join(dict.fromkeys(g.systems)))
+    _require_named(g, bias.of)
+    seen = seen_satellites(g.as_series(), bias.rows(g.as_series()))
     groups: list[tuple[int, ...]] = [(k,) for k in range(len(g.names)) if seen[:, k].any()]
     if found[1] == "pairs":
         pairs_of = itertools.combinations(range(len(g.names)), 2)

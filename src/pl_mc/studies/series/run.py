@@ -116,7 +116,7 @@ def run(experiment: SeriesExperiment, execution: Execution) -> Findings:
             Table(f"table{paper.table}", compared),
         ),
         pictures=_pictures(experiment, table, faults.windows, series.tables.get("flight")),
-        notes=(*series.notes, *experiment.remarks),
+        notes=(*series.notes, *faults.notes, *experiment.remarks),
         texts={f"table{paper.table}.md": comparison(experiment, compared, redraws, remarks)},
     )
 

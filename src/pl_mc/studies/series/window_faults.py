@@ -38,6 +38,7 @@ class DrawnFaults:
         listed: one row per faulted epoch and satellite: ``epoch, satellite, bias_m``.
         chosen: the satellites of each window.
         windows: first and last epoch of each.
+        notes: sentences about satellites that are out of view in part of their window.
     """
 
     bias_m: NDArray[np.float64]
@@ -45,6 +46,7 @@ class DrawnFaults:
     listed: pd.DataFrame
     chosen: tuple[tuple[str, ...], ...]
     windows: tuple[tuple[int, int], ...]
+    notes: tuple[str, ...] = ()
 
 
 class WindowFaults(Strict):
@@ -142,14 +144,16 @@ class GivenFaults(ListedFaults):
     def draw(self, g: Geometry, *, seed: int, redraw: int = 0) -> DrawnFaults:
         """The faults with the sizes of one draw; the other arguments are those of `WindowFaults.draw`."""
         numbers = numbers_of_draw(g, seed=seed, draw=redraw)
-        bias_m, faulted, _ = inject(g, np.zeros(g.sigma_m.shape), self.build(g)[0], numbers)
+        bias_m, faulted, notes = inject(g, np.zeros(g.sigma_m.shape), self.build(g)[0], numbers)
+        if not faulted.any():
+            raise InputError("faults.biases: a series needs an epoch with a fault, such as G02:+30m:100-199.")
         place, row = np.nonzero(bias_m)
         names = np.array(g.names)[g.satellite[place, row]]
         listed = pd.DataFrame({"epoch": g.epoch[place], "satellite": names, "bias_m": bias_m[place, row]})
         ends = np.flatnonzero(np.diff(np.concatenate([[False], faulted, [False]]).astype(int))).reshape(-1, 2)
         windows = tuple((int(g.epoch[first]), int(g.epoch[stop - 1])) for first, stop in ends)
         chosen = (tuple(pd.unique(listed.satellite[listed.epoch.between(*window)])) for window in windows)
-        return DrawnFaults(bias_m=bias_m, faulted=faulted, listed=listed, chosen=tuple(chosen), windows=windows)
+        return DrawnFaults(bias_m, faulted, listed, chosen=tuple(chosen), windows=windows, notes=notes)
 
     def describe(self) -> str:
         """The faults in words."""
