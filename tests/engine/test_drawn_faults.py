@@ -13,7 +13,10 @@ from scipy import stats
 import pl_mc
 from pl_mc.engine.drawn_biases import bias_numbers
 from pl_mc.engine.noise import epoch_key, unit_inputs
+from pl_mc.engine.stanford import Grid, stanford_counts
+from pl_mc.engine.swamping import watch_weights
 from pl_mc.engine.table import COUNT_COLUMNS
+from pl_mc.methods import as_methods
 from pl_mc.runtime.precision import precision_scope
 
 EVENTS = ("alarm", "hazard", "missed", "exceeded", "misleading", "false_alarm")
@@ -194,3 +197,17 @@ def test_single_precision_and_other_noise_draw_too(g: pl_mc.Geometry) -> None:
     assert single.alarm_rate == pytest.approx(exact.alarm_rate, abs=0.02)
     multipath = counted(g, "G21:uniform(2,20)m", noise="multipath", draws=5000)
     assert 0.0 < multipath.alarm_rate < 1.0
+
+
+def test_diagrams_and_swamping_draw_too(g: pl_mc.Geometry) -> None:
+    faults = pl_mc.biases(g, "G21:uniform(2,40)m")
+    grid = Grid(cell_m=1.0, reach_m=60.0)
+    found = stanford_counts(g, faults, draws=2000, seed=3, methods=as_methods("ls"), alert=pl_mc.LPV_200, grid=grid)
+    table = pl_mc.sweep(g, faults, draws=2000, seed=3, methods="ls", progress=False).iloc[0]
+    assert 0 < table.alarms < 2000
+    assert found.counts[0, :, :, 35:].sum() == table.alarms
+    options = [as_methods("igg3")[0].options]  # type: ignore[attr-defined]
+    watched = watch_weights(g, faults, options, draws=512, seed=3, precision="float64").iloc[0]
+    # Known as faulted though no size stands in the list: most of them are found.
+    assert watched.separated_count + watched.swamped_count + watched.faulted_full_count > 0
+    assert watched.separated_rate > 0.3

@@ -113,7 +113,7 @@ def block_outcomes(
     def one_epoch(one: EpochBatch) -> list[Outcome]:
         model, prepared = prepare_epoch(one, methods)
         noise = block_noise(model, one, seed, block, noise_model)
-        sizes = None if one.drawn is None else block_sizes(one, seed, block)
+        sizes = block_sizes(one, seed, block)
         return each_outcome(model, prepared, methods, one, noise, lambda outcomes: outcomes, sizes=sizes)
 
     return jax.lax.map(one_epoch, batch)
@@ -134,9 +134,9 @@ def block_noise(
     return noise_model.shape(model, unit_inputs(key, block, noise_model.inputs_per_row, rows, dtype))
 
 
-def block_sizes(one: EpochBatch, seed: Array, block: Array) -> Array:
-    """(2, n, LANES), the numbers of one block at one epoch from which biases are drawn."""
-    return bias_numbers(seed, one.epoch, block, one.design.shape[0], one.design.dtype)
+def block_sizes(one: EpochBatch, seed: Array, block: Array) -> Array | None:
+    """(2, n, LANES), the numbers of one block at one epoch from which biases are drawn; None where none is."""
+    return None if one.drawn is None else bias_numbers(seed, one.epoch, block, one.design.shape[0], one.design.dtype)
 
 
 def each_fault(
@@ -148,7 +148,7 @@ def each_fault(
     sizes: Array | None = None,
     skipped: Result | None = None,
 ) -> Result:
-    """``reduce`` of the least-squares start and the bias vector (n,) [m], for each fault of one epoch.
+    """``reduce`` of the least-squares start and the bias vector (n,) [m], NaN where drawn, for each fault of one epoch.
 
     Every fault is added to the same noise (n, lanes). Where a fault does not apply the result is ``skipped``, at no
     cost, unless that is None. ``sizes`` (2, n, lanes) are the numbers of drawn biases, where there are any.
@@ -175,7 +175,10 @@ def each_fault(
                 # A square sum, but for the rounding of its three parts.
                 square_sum=jnp.maximum(square_sum, 0.0),
             )
-            return reduce(start if drawn is None or sizes is None else shifted(start, drawn.lanes(sizes)), bias_m)
+            if drawn is None:
+                return reduce(start, bias_m)
+            assert sizes is not None, "biases are drawn from numbers"
+            return reduce(shifted(start, drawn.lanes(sizes)), jnp.where(drawn.rows, jnp.nan, bias_m))
 
         def shifted(start: LeastSquaresSolution, drawn_m: Array) -> LeastSquaresSolution:
             bias = drawn_m * model.weight_root[:, None]

@@ -38,6 +38,11 @@ class DrawnBiases:
         in_metres = (jnp.asarray(part, dtype) for part in (rows.start_m, rows.spread_m))
         return cls(*in_metres, *map(jnp.asarray, (rows.uniform, rows.either, rows.of)))
 
+    @property
+    def rows(self) -> Array:
+        """Which rows have a drawn bias."""
+        return (self.start_m != 0) | (self.spread_m != 0)
+
     def lanes(self, numbers: Array) -> Array:
         """(n, lanes), the drawn biases of one fault (n,) [m], from the numbers (2, n, lanes) of its epoch."""
         column = jax.tree.map(lambda part: part[:, None], self)

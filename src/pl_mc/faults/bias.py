@@ -14,8 +14,18 @@ from typing import NoReturn
 import numpy as np
 from numpy.typing import NDArray
 
-from pl_mc.geometry.record import Geometry
-from pl_mc.input_errors import InputError, nearest, plain_number, require_choice, require_number, require_whole, shown
+from pl_mc.geometry.record import Geometry, as_words
+from pl_mc.input_errors import (
+    InputError,
+    hold_whole,
+    nearest,
+    plain_number,
+    require_choice,
+    require_list,
+    require_number,
+    require_truth,
+    shown,
+)
 
 NO_FAULT = "none"
 FIXED, UNIFORM, NORMAL = "fixed", "uniform", "normal"
@@ -31,6 +41,7 @@ _SIZE = re.compile(
     rf"|(?P<value>(?![+-]){_NUMBER}))"
     r"(?: ?(?P<unit>m/s|m))?(?P<independent> independent)?"
 )
+_NAME = re.compile(r"[^\s,:+()]+")
 _WINDOW = re.compile(r"([0-9]{1,15})-([0-9]{0,15})")
 # Commas between biases, not those between the numbers of a distribution.
 _BETWEEN = re.compile(r",(?![^()]*\))")
@@ -66,11 +77,25 @@ class Bias:
     last_epoch: int | None = None
 
     def __post_init__(self) -> None:
-        named = "+".join(self.of)
-        if len(self.numbers) != (1 if require_choice(self.law, (FIXED, UNIFORM, NORMAL), field="law") == FIXED else 2):
+        of, numbers = as_words("of", self.of), require_list(self.numbers, field="numbers", of="numbers")
+        if not of or not all(map(_NAME.fullmatch, of)):
+            raise InputError(f"of: satellites by name, or systems by letter, are needed, not {shown(self.of)}.")
+        for field in ("either_sign", "independent", "per_second"):
+            require_truth(getattr(self, field), field=field)
+        # A window that has an end has a beginning.
+        if self.first_epoch is not None or self.last_epoch is not None:
+            hold_whole(self, "first_epoch", low=0)
+        if self.last_epoch is not None:
+            hold_whole(self, "last_epoch", low=0)
+        self._hold(of, numbers)
+
+    def _hold(self, of: tuple[str, ...], numbers: Sequence[float]) -> None:
+        """Check the size, and keep it in the one form that its text has."""
+        named = "+".join(of)
+        if len(numbers) != (1 if require_choice(self.law, (FIXED, UNIFORM, NORMAL), field="law") == FIXED else 2):
             raise InputError(f"numbers: fixed takes one number, a distribution two, not {shown(self.numbers)}.")
         digits = _RATE_DIGITS if self.per_second else _DIGITS
-        numbers = tuple(round(require_number(x, field=f"bias of {named}"), digits) + 0.0 for x in self.numbers)
+        numbers = tuple(round(require_number(x, field=f"bias of {named}"), digits) + 0.0 for x in numbers)
         if max(map(abs, numbers)) > MOST_BIAS_M:
             raise InputError(
                 f"bias of {named}: a bias is a finite number of metres, up to {MOST_BIAS_M:g}, not "
@@ -81,6 +106,7 @@ class Bias:
             numbers = (abs(numbers[0]),)
             object.__setattr__(self, "either_sign", not self.independent)
         object.__setattr__(self, "numbers", numbers)
+        object.__setattr__(self, "of", of)
         if self.law == FIXED and numbers == (0.0,):
             raise InputError(f"bias of {named}: a bias of size zero is no fault; without one it is {NO_FAULT}.")
         if self.law == UNIFORM and not numbers[0] < numbers[1]:
@@ -90,10 +116,9 @@ class Bias:
                 f"bias of {named}: normal takes a mean and a positive standard deviation, such as normal(0,10), not "
                 f"{self}."
             )
-        if self.independent and len(self.of) == 1 and len(self.of[0]) > 1:
+        if self.independent and len(of) == 1 and len(of[0]) > 1:
             raise InputError(f"bias of {named}: one satellite has none to be independent of; leave independent out.")
-        last = self.last_epoch
-        if last is not None and last < require_whole(self.first_epoch, field="first_epoch", low=0):  # type: ignore[arg-type]
+        if self.last_epoch is not None and self.first_epoch is not None and self.last_epoch < self.first_epoch:
             raise InputError(
                 f"bias of {named}: the window {self._window} ends before it begins; did you mean "
                 f"{self.last_epoch}-{self.first_epoch}?"
@@ -152,13 +177,16 @@ def parse_fault(text: str) -> tuple[Bias, ...]:
 
 def fault_text(biases: Sequence[Bias]) -> str:
     """The label of a fault; ``none`` without a bias."""
+    for one in require_list(biases, field="biases", of="biases"):
+        if not isinstance(one, Bias):
+            raise InputError(f"biases: records of the kind Bias are needed, not {shown(one)}.")
     return ",".join(map(str, biases)) or NO_FAULT
 
 
 def _parsed(text: str) -> Bias:
     named, *rest = (part.strip() for part in text.split(":"))
     of = tuple(name.strip() for name in named.split("+"))
-    if not 1 <= len(rest) <= 2 or not all(re.fullmatch(r"[^\s,()]+", name) for name in of):
+    if not 1 <= len(rest) <= 2 or not all(map(_NAME.fullmatch, of)):
         _refuse(text)
     size, window = _SIZE.fullmatch(rest[0]), _WINDOW.fullmatch(rest[1]) if len(rest) > 1 else None
     if size is None:
