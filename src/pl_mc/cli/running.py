@@ -21,6 +21,7 @@ def run(
     draws: Draws = None,
     seed: Seed = None,
     val: Annotated[float | None, Parameter(allow_leading_hyphen=True)] = None,
+    fault: Annotated[tuple[str, ...], Several] = (),
     resume: Flag = False,
     fresh: Flag = False,
     shard: str | None = None,
@@ -42,6 +43,8 @@ def run(
 
     `pl-mc run results/mine/manifest.json --out again` redoes an earlier run.
 
+    `pl-mc run my.toml --fault G01:+30m --fault G01+G13:+30m` puts two faults in place of the file's.
+
     `pl-mc run zhao2021-sweep --resume` goes on with a run that was stopped.
 
     `pl-mc run ramp --json` ends with the folder, the files and the answer as JSON.
@@ -52,6 +55,8 @@ def run(
         Results folder; `runs/EXPERIMENT` unless given. An earlier result there is replaced.
     val
         Vertical alert limit [m], instead of the experiment's limits.
+    fault
+        A fault instead of the experiment's, `G01:+30m`; repeatable, for several. See docs/how-to/faults.md.
     resume
         Go on with an unfinished run of the same experiment.
     fresh
@@ -72,7 +77,7 @@ def run(
     from pl_mc.studies.registry import study_of
     from pl_mc.studies.spec import kind_of
 
-    name, record = load_experiment(experiment, overrides(draws, seed, val))
+    name, record = load_experiment(experiment, overrides(draws, seed, val), faults=fault)
     if val is not None and not study_of(record).judged:
         raise InputError(f"--val: an experiment of the kind {kind_of(record)} judges by no alert limit.")
     share = None if shard is None else _share(shard)
@@ -134,7 +139,8 @@ def observe(
     systems
         Systems to use, RINEX letters: `G,C`, `G` or `C`; those that the files have unless given.
     fault
-        A fault to inject, `G02:+30m:545-645`: satellite, bias, first and last epoch counted from 0; repeatable.
+        A fault to inject, `G02:+30m:545-645`: satellite, bias, first and last epoch counted from 0; repeatable, all
+        together. See docs/how-to/faults.md.
     mask_deg
         Elevation mask [deg].
     error_model

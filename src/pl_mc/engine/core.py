@@ -14,6 +14,7 @@ import jax
 import jax.numpy as jnp
 from jax import Array
 
+from pl_mc.engine.drawn_biases import DrawnBiases, bias_numbers
 from pl_mc.engine.events import EVENTS, events
 from pl_mc.engine.noise import epoch_key, live_lanes, unit_inputs
 from pl_mc.kernels import LeastSquaresSolution, LinearModel, linear_model
@@ -35,6 +36,7 @@ class EpochBatch:
         bias_m: (e, f, n), bias vectors [m].
         applies: (e, f), which of them are faults of this call; the others are skipped.
         epoch: (e,), epoch numbers, which choose the noise.
+        drawn: biases that are drawn with the noise; None where none is.
         one_clock_per_row: whether every satellite has one clock at most, see `pl_mc.kernels.LinearModel`.
     """
 
@@ -44,6 +46,7 @@ class EpochBatch:
     bias_m: Array
     applies: Array
     epoch: Array
+    drawn: DrawnBiases | None = None
     one_clock_per_row: bool = field(default=False, metadata={"static": True})
 
 
@@ -85,8 +88,11 @@ def count_events(
                 return product(seen.astype(live.dtype), live).astype(jnp.int32)
 
             noise = side_by_side(jax.vmap(lambda block: block_noise(model, one, seed, block, noise_model))(group))
+            sizes = None
+            if one.drawn is not None:
+                sizes = side_by_side(jax.vmap(lambda block: block_sizes(one, seed, block))(group))
             nothing = jnp.zeros((len(chosen) * len(axes), len(EVENTS)), jnp.int32)
-            return total + each_outcome(model, prepared, chosen, one, noise, count, skipped=nothing), None
+            return total + each_outcome(model, prepared, chosen, one, noise, count, sizes=sizes, skipped=nothing), None
 
         # Groups are filled up with a block that does not count.
         groups = -(-blocks // together)
@@ -112,7 +118,8 @@ def block_outcomes(
     def one_epoch(one: EpochBatch) -> list[Outcome]:
         model, prepared = prepare_epoch(one, chosen)
         noise = block_noise(model, one, seed, block, noise_model)
-        return each_outcome(model, prepared, chosen, one, noise, lambda outcomes: outcomes)
+        sizes = block_sizes(one, seed, block)
+        return each_outcome(model, prepared, chosen, one, noise, lambda outcomes: outcomes, sizes=sizes)
 
     return jax.lax.map(one_epoch, batch)
 
@@ -132,18 +139,24 @@ def block_noise(
     return noise_model.shape(model, unit_inputs(key, block, noise_model.inputs_per_row, rows, dtype))
 
 
+def block_sizes(one: EpochBatch, seed: Array, block: Array) -> Array | None:
+    """(2, n, LANES), the numbers of one block at one epoch from which biases are drawn; None where none is."""
+    return None if one.drawn is None else bias_numbers(seed, one.epoch, block, one.design.shape[0], one.design.dtype)
+
+
 def each_fault(
     model: LinearModel,
     one: EpochBatch,
     noise: Array,
     reduce: Callable[[LeastSquaresSolution, Array], Result],
     *,
+    sizes: Array | None = None,
     skipped: Result | None = None,
 ) -> Result:
-    """``reduce`` of the least-squares start and the bias vector (n,) [m], for each fault of one epoch.
+    """``reduce`` of the least-squares start and the bias vector (n,) [m], NaN where drawn, for each fault of one epoch.
 
     Every fault is added to the same noise (n, lanes). Where a fault does not apply the result is ``skipped``, at no
-    cost, unless that is None.
+    cost, unless that is None. ``sizes`` (2, n, lanes) are the numbers of drawn biases, where there are any.
     """
     noise = noise * model.in_view[:, None]
     noise_state = product(model.gain, noise)
@@ -156,8 +169,8 @@ def each_fault(
     cross = product(bias_residuals, noise_residuals)
     noise_residuals, bias_residuals = model.twins.alike(noise_residuals), model.twins.alike(bias_residuals.T).T
 
-    def one_fault(parts: tuple[Array, Array, Array, Array, Array]) -> Result:
-        applies, bias_m, state, residuals, cross_sum = parts
+    def one_fault(parts: tuple[Array, Array, Array, Array, Array, DrawnBiases | None]) -> Result:
+        applies, bias_m, state, residuals, cross_sum, drawn = parts
 
         def solve() -> Result:
             square_sum = noise_square_sum + 2.0 * cross_sum + jnp.sum(residuals * residuals)
@@ -167,11 +180,22 @@ def each_fault(
                 # A square sum, but for the rounding of its three parts.
                 square_sum=jnp.maximum(square_sum, 0.0),
             )
-            return reduce(start, bias_m)
+            if drawn is None:
+                return reduce(start, bias_m)
+            assert sizes is not None, "biases are drawn from numbers"
+            return reduce(shifted(start, drawn.lanes(sizes)), jnp.where(drawn.rows, jnp.nan, bias_m))
+
+        def shifted(start: LeastSquaresSolution, drawn_m: Array) -> LeastSquaresSolution:
+            bias = drawn_m * model.weight_root[:, None]
+            state = product(model.gain, bias)
+            residuals = start.residuals + model.twins.alike(bias - product(model.design, state))
+            # As it was where nothing is drawn.
+            square_sum = jnp.where(jnp.any(drawn_m != 0), jnp.sum(residuals * residuals, axis=0), start.square_sum)
+            return LeastSquaresSolution(residuals=residuals, state=start.state + state, square_sum=square_sum)
 
         return solve() if skipped is None else jax.lax.cond(applies, solve, lambda: skipped)
 
-    return jax.lax.map(one_fault, (one.applies, one.bias_m, bias_state, bias_residuals, cross))
+    return jax.lax.map(one_fault, (one.applies, one.bias_m, bias_state, bias_residuals, cross, one.drawn))
 
 
 def each_outcome(
@@ -182,6 +206,7 @@ def each_outcome(
     noise: Array,
     reduce: Callable[[list[Outcome]], Result],
     *,
+    sizes: Array | None = None,
     skipped: Result | None = None,
 ) -> Result:
     """``reduce`` of the methods' outcomes for each fault; the rest as for `each_fault`."""
@@ -189,4 +214,4 @@ def each_outcome(
     def solve(start: LeastSquaresSolution, _: Array) -> Result:
         return reduce([m.solve(model, p, start) for m, p in zip(methods, prepared, strict=True)])
 
-    return each_fault(model, one, noise, solve, skipped=skipped)
+    return each_fault(model, one, noise, solve, sizes=sizes, skipped=skipped)

@@ -57,7 +57,7 @@ def sample(
         One row per epoch, fault, method and draw: ``epoch, fault, bias_m, method, draw, east_m, north_m, up_m,
         hpl_m, vpl_m, available, alarm, unconverged, tied``. Numbers are missing where a method is not available.
     """
-    alert = require_inputs(g, faults, alert, any_axis=True)
+    alert = require_inputs(g, faults, alert, any_axis=True, drawn=True)
     axis = as_axis(axis, alert)
     draws = require_whole(draws, field="draws", low=1, high=LARGEST_DRAWS)
     seed = require_whole(seed, field="seed", low=0, high=LARGEST_SEED)

@@ -18,7 +18,7 @@ from numpy.typing import NDArray
 
 from pl_mc.alert import AlertLimits
 from pl_mc.engine.calls import Chunk, run_calls
-from pl_mc.engine.core import EpochBatch, block_noise, each_outcome, prepare_epoch
+from pl_mc.engine.core import EpochBatch, block_noise, block_sizes, each_outcome, prepare_epoch
 from pl_mc.engine.events import tied, unconverged
 from pl_mc.engine.noise import LANES
 from pl_mc.engine.plan import make_plan
@@ -218,7 +218,8 @@ def _block_cells(
         def one_block(block: Array) -> Array:
             noise = block_noise(model, one, seed, block)
             nothing = jnp.zeros((LANES, len(chosen)), jnp.int32)
-            return each_outcome(model, prepared, chosen, one, noise, codes, skipped=nothing)
+            sizes = block_sizes(one, seed, block)
+            return each_outcome(model, prepared, chosen, one, noise, codes, sizes=sizes, skipped=nothing)
 
         return jax.lax.map(one_block, first_block + jnp.arange(blocks, dtype=jnp.int32))
 

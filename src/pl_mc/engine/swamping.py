@@ -17,7 +17,7 @@ import pandas as pd
 from jax import Array
 
 from pl_mc.engine.calls import Chunk, run_calls
-from pl_mc.engine.core import EpochBatch, block_noise, each_fault
+from pl_mc.engine.core import EpochBatch, block_noise, block_sizes, each_fault
 from pl_mc.engine.noise import live_lanes
 from pl_mc.engine.plan import make_plan
 from pl_mc.faults import Faults
@@ -103,7 +103,7 @@ def _count_block(
             return jnp.sum(seen & live, axis=-1, dtype=jnp.int32)
 
         nothing = jnp.zeros((len(options), len(WATCHED)), jnp.int32)
-        return each_fault(model, one, noise, count, skipped=nothing)
+        return each_fault(model, one, noise, count, sizes=block_sizes(one, seed, block), skipped=nothing)
 
     return jax.lax.map(one_epoch, batch)
 

@@ -92,9 +92,11 @@ class SweepTask:
     def asked(self) -> dict[str, Any]:
         """What decides the counts, in a form that can be stored and compared."""
         g = self.geometry.as_series()
+        # Ramps depend on the times.
+        times_s = [g.time_gps_s] if self.faults.shaped else []
         asked = {
             "geometry": array_fingerprint(g.design, g.sigma_m, g.in_view, g.satellite, g.epoch, g.names),
-            "faults": array_fingerprint(self.faults.bias_m, self.faults.names, self.faults.labels),
+            "faults": array_fingerprint(self.faults.bias_m, self.faults.names, self.faults.labels, *times_s),
             "draws": self.draws,
             "seed": self.seed,
             "methods": [repr(method) for method in self.methods],
@@ -208,8 +210,8 @@ class SweepTask:
         """What the compiled function depends on."""
         g, plan = self.plan.geometry, self.plan
         sizes = (plan.epochs_per_call, plan.blocks_per_call, plan.fault_index.shape[1], *g.design.shape[1:])
-        structure = jax.tree.structure(as_trees(self.methods))
-        return structure, self.axes, self.noise, self.precision, devices, sizes
+        structure, drawn = jax.tree.structure(as_trees(self.methods)), bool(self.faults.drawn.any())
+        return structure, self.axes, self.noise, self.precision, devices, drawn, sizes
 
     def _part(self, number: int, gathered: list[tuple[Chunk, NDArray[np.int32]]]) -> PartCounts:
         first, stop = gathered[0][0].first_epoch, gathered[-1][0].stop_epoch

@@ -7,7 +7,7 @@ import datetime
 import math
 import re
 import typing
-from collections.abc import Mapping
+from collections.abc import Collection, Mapping
 from pathlib import Path
 from typing import Annotated, Any, Literal
 
@@ -30,7 +30,7 @@ from pydantic_core import PydanticCustomError
 from pl_mc.alert import AlertLimits, as_alert
 from pl_mc.engine.checks import LARGEST_DRAWS, LARGEST_SEED
 from pl_mc.error_models import ErrorModel, error_model
-from pl_mc.faults import Faults, biases, no_fault, ramps
+from pl_mc.faults import Faults, biases, no_fault, ramps, require_text
 from pl_mc.geometry import Geometry, redundancy_numbers, simulate
 from pl_mc.geometry.record import MOST_SATELLITES, SYSTEM_NAMES
 from pl_mc.input_errors import InputError, nearest, shown
@@ -286,6 +286,16 @@ class RampFaults(Strict):
         )
 
 
+def _read_fault(text: Any) -> Any:
+    """Text as it is, if it is a fault; what only a geometry can tell is left."""
+    if not isinstance(text, str):
+        raise PydanticCustomError("fault", "text such as G02:+30m is needed")
+    try:
+        return require_text(text)
+    except InputError as error:
+        raise PydanticCustomError("fault", "{why}", {"why": str(error).removeprefix("biases: ").rstrip(".")}) from None
+
+
 def _one_fault(given: Any) -> Any:
     table = isinstance(given, Mapping) and all(
         isinstance(value, int | float) and not isinstance(value, bool) for value in given.values()
@@ -294,7 +304,12 @@ def _one_fault(given: Any) -> Any:
         raise PydanticCustomError(
             "fault", "a table of biases in metres by satellite, or text such as G02:+30m, is needed"
         )
-    return given
+    return _read_fault(given) if isinstance(given, str) else given
+
+
+# A fault as text; and as a table of biases by satellite too.
+FaultText = Annotated[str, BeforeValidator(_read_fault)]
+OneFault = Annotated[dict[str, float] | str, BeforeValidator(_one_fault)]
 
 
 class ListedFaults(Strict):
@@ -303,7 +318,7 @@ class ListedFaults(Strict):
     An empty table and ``none`` are the fault-free case.
     """
 
-    biases: Annotated[tuple[Annotated[dict[str, float] | str, BeforeValidator(_one_fault)], ...], Field(min_length=1)]
+    biases: Annotated[tuple[OneFault, ...], Field(min_length=1)]
 
     def build(self, g: Geometry) -> tuple[Faults, tuple[str, ...]]:
         """The faults, in order."""
@@ -311,13 +326,14 @@ class ListedFaults(Strict):
         return sum(made[1:], made[0]), ()
 
 
-def _form_of_faults(given: Any) -> str:
-    listed = "biases" in given if isinstance(given, dict) else isinstance(given, ListedFaults)
-    return "Listed" if listed else "Ramp"
+def fields_of(given: Any) -> Collection[str]:
+    """The fields of a part of an experiment, as it is written or as a record."""
+    return given if isinstance(given, Mapping) else getattr(type(given), "model_fields", ())
 
 
 AnyFaults = Annotated[
-    Annotated[RampFaults, Tag("Ramp")] | Annotated[ListedFaults, Tag("Listed")], Discriminator(_form_of_faults)
+    Annotated[RampFaults, Tag("Ramp")] | Annotated[ListedFaults, Tag("Listed")],
+    Discriminator(lambda given: "Listed" if "biases" in fields_of(given) else "Ramp"),
 ]
 
 

@@ -70,6 +70,8 @@ class Study:
         checks: what the kind asks for besides what its record and a geometry can tell; ``checks(record, g)`` with
             no geometry where there is none or an unsound one.
         judged: by which alert limits it judges, none of which may be; a note tells of one that decides nothing.
+        with_faults: ``with_faults(content, texts)``, what fields of a file become where faults as texts take the place
+            of its own; None for a kind that injects none, or a sort of its own.
         outline: fields of a file to begin with, for a kind of which no experiment comes with the package.
     """
 
@@ -82,6 +84,7 @@ class Study:
     beside: Callable[[Any], Work] | None = None
     checks: Checks = no_checks
     judged: tuple[str, ...] = (VERTICAL,)
+    with_faults: Callable[[Mapping[str, Any], tuple[str, ...]], Mapping[str, Any]] | None = None
     outline: Mapping[str, Any] = field(default_factory=dict)
 
     def __post_init__(self) -> None:

@@ -21,6 +21,7 @@ from pl_mc.arrays import ordinary_arithmetic
 from pl_mc.engine.checks import LARGEST_DRAWS, LARGEST_SEED, require_geometry_and_alert, require_inputs
 from pl_mc.faults import Faults, no_fault
 from pl_mc.geometry.record import Geometry
+from pl_mc.injection import at_epoch
 from pl_mc.input_errors import (
     InputError,
     require_choice,
@@ -151,7 +152,7 @@ def calibrate(
             found, curve = made.found, made.curve
         else:
             asked, one = estimator, part[0]
-            local = Faults.from_array(one, fault.bias_m[:, [part.names.index(name) for name in one.names]])
+            local = Faults.from_array(one, at_epoch(part, fault, 0)[:, [part.names.index(name) for name in one.names]])
 
             def trial(k: float) -> tuple[float, float, float, str]:
                 row = asked(with_k(chosen, k))(local, target_cov, seed).iloc[0]

@@ -18,6 +18,7 @@ from pl_mc.alert import AlertLimits
 from pl_mc.arrays import FloatArray
 from pl_mc.faults import Faults
 from pl_mc.geometry.record import UP, Geometry
+from pl_mc.injection import at_epoch
 from pl_mc.integrity_risk.rare.limit_state import EpochState
 from pl_mc.integrity_risk.rare.subset import Coordinates
 from pl_mc.methods.base import Method, Outcome
@@ -74,7 +75,7 @@ class RatioLimit:
 def ratio_state(g: Geometry, fault: Faults, method: Method, event: str, alert: AlertLimits) -> RatioState:
     """The ratio under one fault at an epoch, or a series of one, with redundancy; the multiplier does not count."""
     # A change of the multiplier would be another record, and a compilation of its own.
-    return RatioState.of(g.as_series(), 0, fault.bias_m[0], with_k(method, 1.0), event, alert)
+    return RatioState.of(g.as_series(), 0, at_epoch(g, fault, 0)[0], with_k(method, 1.0), event, alert)
 
 
 def ratio_of(outcome: Outcome, vertical_m: Array | float, misleading: Array | bool) -> Array:

@@ -19,6 +19,7 @@ from pl_mc.arrays import FloatArray, ordinary_arithmetic
 from pl_mc.engine.checks import LARGEST_SEED, notes_on_faults, require_inputs
 from pl_mc.faults import Faults
 from pl_mc.geometry.record import Geometry
+from pl_mc.injection import at_epoch
 from pl_mc.input_errors import require_choice, require_whole, require_within
 from pl_mc.integrity_risk.rare.importance import FEWEST_SEARCHES, ImportanceRun, importance_sampling
 from pl_mc.integrity_risk.rare.limit_state import RISK_EVENTS, LimitState, all_axes
@@ -163,7 +164,7 @@ def risk(
             certain = float(event == "alarm")
             return RiskEstimate(certain, 0.0, certain, certain, np.inf, 0, CERTAIN)
         axes = None if model.shifts_only else all_axes(series.in_view[epoch], model.inputs_per_row)
-        limit = LimitState.of(series, epoch, faults.bias_m[fault], chosen, event, alert, axes, noise=model)
+        limit = LimitState.of(series, epoch, at_epoch(g, faults, epoch)[fault], chosen, event, alert, axes, noise=model)
         # Gaussian errors are not named: they have had these random numbers all along.
         named = () if model == GAUSSIAN else (model.name,)
         name = "/".join((chosen.name, event, faults.labels[fault], *named))

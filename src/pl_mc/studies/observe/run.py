@@ -15,9 +15,11 @@ from matplotlib.figure import Figure
 
 from pl_mc.alert import AlertLimits
 from pl_mc.engine import Execution, solve
+from pl_mc.engine.drawn_biases import numbers_of_draw
+from pl_mc.faults import Faults, biases, no_fault
 from pl_mc.geometry import Geometry
 from pl_mc.geometry.gps_time import gps_dates
-from pl_mc.injection import Injection, inject, parse_injection
+from pl_mc.injection import inject
 from pl_mc.input_errors import InputError
 from pl_mc.receiver import read_receiver_series, read_truth
 from pl_mc.report.accuracy import DIRECTIONS, ERRORS, accuracy_m
@@ -25,7 +27,7 @@ from pl_mc.report.document import Summary, TextTable
 from pl_mc.report.figures import legend_below, limit_line, method_label, new_figure, series_style, shade
 from pl_mc.report.findings import Findings, Table, picture
 from pl_mc.report.text import metres, share_of, share_text
-from pl_mc.studies.spec import Experiment, ReceiverFiles
+from pl_mc.studies.spec import Experiment, FaultText, ReceiverFiles
 from pl_mc.studies.study import Check, Work, refuse
 
 # Lines of so few epochs have points; further apart than so many steps epochs are missing; levels up to so many times
@@ -41,11 +43,12 @@ _SECONDS_A_DAY = 1.2
 class ObserveExperiment(Experiment, ReceiverFiles):
     """Receiver files and a true position or track; see `pl_mc.receiver.read_receiver_series`.
 
-    ``faults`` holds texts such as ``G02:+30m:545-645``: satellite, bias, first and last epoch, counted from 0.
+    ``faults`` holds texts such as ``G02:+30m:545-645``, see `pl_mc.biases`; all of them are added to the errors, those
+    that are drawn as the seed has them, anew at each epoch.
     """
 
     kind: Literal["observe"] = "observe"
-    faults: tuple[str, ...] = ()
+    faults: tuple[FaultText, ...] = ()
 
     def input_files(self) -> Mapping[str, Path]:
         """The RINEX files, and the track where the truth is one."""
@@ -54,20 +57,20 @@ class ObserveExperiment(Experiment, ReceiverFiles):
 
 def run(experiment: ObserveExperiment, execution: Execution) -> Findings:
     """Every epoch by every method, and the errors over the epochs."""
-    injections = [parse_injection(text) for text in experiment.faults]
     series = read_receiver_series(
         experiment.observations, experiment.navigation, read_truth(experiment.truth), systems=experiment.systems,
         mask_deg=experiment.mask_deg, error_model=experiment.model(), ionosphere=experiment.ionosphere,
     )  # fmt: skip
     g = series.geometry
     _require_solution(experiment, g, series.notes)
-    errors_m, faulted, notes = inject(g, series.errors_m, injections)
+    injected = sum((biases(g, text) for text in experiment.faults), no_fault(g))
+    errors_m, faulted, notes = inject(g, series.errors_m, injected, numbers_of_draw(g, seed=experiment.seed))
     alert = experiment.alert_limits()
     table = solve(g, errors_m, methods=experiment.method_records(), alert=alert, precision=experiment.precision)
     table["faulted"] = table.epoch.map(pd.Series(faulted, index=g.epoch))
     table.insert(1, "time", gps_dates(table.pop("time_gps_s")))
     return Findings(
-        summary=summary(experiment, table, injections, g.clocks),
+        summary=summary(experiment, table, injected, g.clocks),
         tables=(Table("epochs", table, stored="both"),),
         pictures=(error_figure(table, alert=alert, title=experiment.title),),
         notes=(*series.notes, *notes),
@@ -100,9 +103,7 @@ def _require_solution(experiment: ObserveExperiment, g: Geometry, notes: Sequenc
     )
 
 
-def summary(
-    experiment: ObserveExperiment, table: pd.DataFrame, injections: Sequence[Injection], systems: Sequence[str]
-) -> Summary:
+def summary(experiment: ObserveExperiment, table: pd.DataFrame, faults: Faults, systems: Sequence[str]) -> Summary:
     """The blocks of the summary; ``table`` is that of the epochs."""
     alert, first = experiment.alert_limits(), table.drop_duplicates("epoch")
     count = first.satellites
@@ -111,7 +112,7 @@ def summary(
         largest = group.loc[group.available, ERRORS].abs().max()
         for direction, lengths, most in zip(DIRECTIONS, accuracy_m(table, str(method)), largest, strict=True):
             accuracy.append([method, direction, *map(metres, (*lengths, most))])
-    injected = f" Injected: {'; '.join(map(str, injections))}." if injections else ""
+    injected = f" Injected: {'; '.join(faults.labels[1:])}." if len(faults) > 1 else ""
     return (
         f"{len(first)} epochs from {first.time.iloc[0]} to {first.time.iloc[-1]} (GPS time), systems "
         f"{', '.join(systems)}, mask {experiment.mask_deg:g} deg, error model "

@@ -44,7 +44,8 @@ def faults_summary(
         ),
         _rate_table(
             rates, "fault", EVENTS, "fault",
-            beside=[f"alarm, LS exact{of_exact}"], beside_of=lambda fault: [f"{100 * alarm[fault]:.4g} %"],
+            beside=[f"alarm, LS exact{of_exact}"],
+            beside_of=lambda fault: [f"{100 * alarm[fault]:.4g} %" if fault in alarm else "-"],
         ),
         Paragraph(
             "alarm: VPL > VAL, or no solution. missed: |vertical error| > VAL and no alarm. misleading: |vertical "
