@@ -116,6 +116,7 @@ class WorldSky:
         self._satellite_m = satellite_positions_m(self.slots, time_gps_s)
         self._letters = np.array([slot.system for slot in self.slots])
         self._orbits = np.array([slot.orbit for slot in self.slots])
+        self._names = np.array([slot.name for slot in self.slots])
 
     @property
     def epochs(self) -> int:
@@ -156,6 +157,7 @@ class WorldSky:
             azimuth_rad=np.arctan2(east, north) % (2 * np.pi),
             latitude_rad=latitude_rad[site],
             longitude_rad=longitude_rad[site],
+            satellite=self._names[order[seen]],
         )
         sigma = np.asarray(self.model.sigma_m(sky), dtype=float)
         if sigma.shape != up.shape:
