@@ -35,6 +35,7 @@ class EpochBatch:
         applies: (e, f), which of them are faults of this call; the others are skipped.
         epoch: (e,), epoch numbers, which choose the noise.
         one_clock_per_row: whether every satellite has one clock at most, see `pl_mc.kernels.LinearModel`.
+        satellite: (e, n), codes of the satellites, `pl_mc.ism.satellite_codes`.
     """
 
     design: Array
@@ -44,6 +45,7 @@ class EpochBatch:
     applies: Array
     epoch: Array
     one_clock_per_row: bool = field(default=False, metadata={"static": True})
+    satellite: Array | None = None
 
 
 def count_events(
@@ -114,7 +116,9 @@ def block_outcomes(
 
 def prepare_epoch(one: EpochBatch, methods: tuple[Method, ...]) -> tuple[LinearModel, list]:
     """The model of one epoch, and what each method makes of it before any noise."""
-    model = linear_model(one.design, one.sigma_m, one.in_view, one_clock_per_row=one.one_clock_per_row)
+    model = linear_model(
+        one.design, one.sigma_m, one.in_view, one_clock_per_row=one.one_clock_per_row, satellite=one.satellite
+    )
     return model, [method.prepare(model) for method in methods]
 
 

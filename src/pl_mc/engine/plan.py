@@ -20,6 +20,7 @@ from pl_mc.engine.core import EpochBatch
 from pl_mc.engine.noise import LANES
 from pl_mc.faults import Faults
 from pl_mc.geometry.record import POSITION_UNKNOWNS, Geometry
+from pl_mc.ism import satellite_codes
 
 # Scenarios per call: large enough to hide a call's cost, small enough for a live progress bar and little memory.
 SCENARIOS_PER_CALL = 2**20
@@ -99,6 +100,7 @@ class Plan(Cut):
             applies=jnp.asarray(applies & ~surplus[:, None]),
             epoch=jnp.asarray(g.epoch[index], np.uint32),
             one_clock_per_row=self.one_clock_per_row,
+            satellite=jnp.asarray(satellite_codes(g, g.satellite[index])),
         )
 
 

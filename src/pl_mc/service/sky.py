@@ -94,6 +94,7 @@ class Geometries:
         design: (g, n, t) [m/m]; sigma_m: (g, n) [m]; in_view: (g, n).
         satellite: (g, n), index of each row's satellite; 0 on padding.
         systems: (g, n), RINEX letters; empty on padding.
+        names: (g, n), names of the satellites; empty on padding, None where nobody asks.
     """
 
     design: FloatArray
@@ -101,6 +102,7 @@ class Geometries:
     in_view: NDArray[np.bool_]
     satellite: NDArray[np.int64]
     systems: NDArray[np.str_]
+    names: NDArray[np.str_] | None = None
 
 
 class WorldSky:
@@ -169,4 +171,5 @@ class WorldSky:
             raise InputError("sigma_m: a sigma is finite and positive for every satellite in view.")
         sigma_m = np.ones(seen.shape)
         sigma_m[seen] = sigma
-        return Geometries(design, sigma_m, seen, np.where(seen, order, 0), systems)
+        names = np.where(seen, self._names[order], "")
+        return Geometries(design, sigma_m, seen, np.where(seen, order, 0), systems, names)
