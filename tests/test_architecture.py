@@ -18,7 +18,9 @@ PACKAGE = "pl_mc"
 LAYERS = (
     ("arrays", "constants", "input_errors"),
     ("alert", "named"),
-    ("runtime", "error_models"),
+    ("runtime",),
+    ("ism",),
+    ("error_models",),
     ("kernels",),
     ("geometry",),
     ("faults", "noise_models"),

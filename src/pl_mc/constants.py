@@ -7,8 +7,9 @@ SPEED_OF_LIGHT_M_S = 299_792_458.0
 EARTH_GM_M3_S2 = 3.986005e14
 EARTH_ROTATION_RAD_S = 7.2921151467e-5
 
-# Carrier frequencies: IS-GPS-200 (L1), Galileo OS SIS ICD (E1), BDS-SIS-ICD-2.1 (B1I).
+# Carrier frequencies: IS-GPS-200 (L1), IS-GPS-705 (L5), Galileo OS SIS ICD (E1, E5a), BDS-SIS-ICD-2.1 (B1I).
 FREQUENCY_L1_HZ = 1_575.42e6
+FREQUENCY_L5_HZ = 1_176.45e6
 FREQUENCY_B1I_HZ = 1_561.098e6
 
 # BeiDou time began on 2006-01-01 without leap seconds, 14 s after GPS time (BDS-SIS-ICD-2.1, 3.3).
@@ -22,3 +23,6 @@ IONOSPHERE_SHELL_HEIGHT_M = 350_000.0
 # 5e-9 (horizontal, 6.18). Q^-1(5e-8) = 5.326724, sqrt(-2 ln 5e-9) = 6.182852.
 K_VERTICAL = 5.33
 K_HORIZONTAL = 6.18
+
+# Satellites that the names of a system can number, by RINEX letter (G07).
+MOST_SATELLITES = {"G": 32, "C": 63, "E": 36, "R": 27}

@@ -294,6 +294,10 @@ def test_bad_input() -> None:
         ({"p_sat": 1.0}, "p_sat: a prior probability lies between"),
         ({"p_sat": {"G": 1e-5}}, "p_sat: E06 is missing"),
         ({"p_sat": {"G3": 1e-5}}, "p_sat: 'G3' is unknown"),
+        ({"ism": {"b_nom_m": 0.5}}, "ism: p_sat: it is needed here, and the ISM has none"),
+        ({"ism": {"p_sat": {"G": 1e-5}}}, "ism: p_sat: there is no value for E.. or for its constellation E"),
+        ({"ism": {"p_sat": 1e-5}, "p_sat": 1e-4}, "p_sat: the ism has it too; leave one of the two out"),
+        ({"ism": {"p_const": 1e-5}, "p_const": 0.0}, "p_const: the ism has it too"),
         ({"p_const": {"X": 1e-5}}, "p_const: 'X' is unknown"),
         ({"p_const": -1e-5}, "p_const: a prior probability"),
         ({"bias": "worse"}, "bias: 'worse' is unknown"),
@@ -317,3 +321,14 @@ def test_bad_input() -> None:
     for options, message in cases:
         with pytest.raises(InputError, match=message):
             risk_budget(options.pop("g", g), **options)
+
+
+def test_priors_of_an_ism():
+    """The same budget as with the priors themselves; what the ISM leaves out is the argument's."""
+    g = appendix_d()
+    priors = {"p_sat": {"G": 1e-5, "E": 3e-5, "G03": 1e-3}, "p_const": {"G": 0.0, "E": 2e-4}}
+    expected = risk_budget(g, **priors, pairs=0)
+    for ism, rest in ((priors, {}), ({"p_sat": priors["p_sat"]}, {"p_const": priors["p_const"]})):
+        found = risk_budget(g, ism=ism, **rest, pairs=0)
+        np.testing.assert_array_equal(found.prior, expected.prior)
+        assert found.attrs == expected.attrs

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -14,6 +14,7 @@ from pl_mc.araim.modes import LEAST_PRIOR, UNMONITORED
 from pl_mc.arrays import FloatArray
 from pl_mc.geometry.record import POSITION_UNKNOWNS, SYSTEM_NAMES, as_mask
 from pl_mc.input_errors import InputError, nearest, require_choice, require_number, require_numbers, shown
+from pl_mc.ism import Ism, as_ism
 
 # What lies beyond these is a slip of the unit, and cannot be computed with.
 _LEAST_M2, _MOST_M2, _MOST_M = 1e-18, 1e18, 1e9
@@ -45,9 +46,10 @@ class Batch:
 
 
 def as_batch(
-    design: ArrayLike, c_int: ArrayLike, c_acc: ArrayLike, systems: Sequence[str] | Sequence[Sequence[str]],
-    b_nom: ArrayLike, p_sat: ArrayLike, p_const: Mapping[str, float], budget: Budget, unmonitored: str,
-    in_view: ArrayLike | None,
+    design: ArrayLike, c_int: ArrayLike | None, c_acc: ArrayLike | None,
+    systems: Sequence[str] | Sequence[Sequence[str]], b_nom: ArrayLike | None, p_sat: ArrayLike | None,
+    p_const: Mapping[str, float] | None, budget: Budget, unmonitored: str, in_view: ArrayLike | None, ism: Any = None,
+    names: Sequence[str] | Sequence[Sequence[str]] | None = None, noise_m2: ArrayLike | None = None,
 ) -> Batch:  # fmt: skip
     """The batch; an `InputError` says what does not fit."""
     if not isinstance(budget, Budget):
@@ -66,26 +68,110 @@ def as_batch(
     if not (np.abs(rows[seen]) <= _MOST_M).all():
         raise InputError(f"design: the rows of satellites in view are finite numbers, up to {_MOST_M:g}.")
     letters = _letters(systems, seen)
-    variances = []
-    for field, value in (("c_int", c_int), ("c_acc", c_acc)):
-        given = _spread(field, _diagonal(field, require_numbers(value, field=field), single, n), g, n)
+
+    def by_satellite(field: str, value: Any) -> FloatArray:
+        return _spread(field, _diagonal(field, require_numbers(value, field=field), single, n), g, n)
+
+    by_name: dict[str, Any] = {"c_int": c_int, "c_acc": c_acc, "b_nom": b_nom, "p_sat": p_sat, "p_const": p_const}
+    said = None if ism is None else _Said(as_ism(ism), _names(names, letters, seen), letters, seen)
+    if said is None and not (names is None and noise_m2 is None):
+        raise InputError(f"{'names' if names is not None else 'noise_m2'}: it belongs to an ism, and there is none.")
+    if said is not None:
+        by_name |= _of_ism(said, by_name, noise_m2, by_satellite)
+    for field, value in by_name.items():
+        if value is None:
+            raise InputError(f"{field}: it is needed where no ism {'with noise_m2 ' * field.startswith('c_')}says it.")
+    variances = dict[str, FloatArray]()
+    for field in ("c_int", "c_acc"):
+        given = by_satellite(field, by_name[field])
         if not ((given >= _LEAST_M2) & (given <= _MOST_M2))[seen].all():
             raise InputError(
                 f"{field}: a variance is finite and positive, {_LEAST_M2:g} to {_MOST_M2:g} m^2, for every satellite "
                 "in view."
             )
-        variances.append(np.where(seen, given, 1.0))
-    bias = _spread("b_nom", require_numbers(b_nom, field="b_nom"), g, n)
+        variances[field] = np.where(seen, given, 1.0)
+    bias = _spread("b_nom", require_numbers(by_name["b_nom"], field="b_nom"), g, n)
     if not ((bias >= 0) & (bias <= _MOST_M))[seen].all():
         raise InputError(f"b_nom: a nominal bias is the largest size of an error, not negative, up to {_MOST_M:g} m.")
-    p = _spread("p_sat", require_numbers(p_sat, field="p_sat"), g, n)
+    p = _spread("p_sat", require_numbers(by_name["p_sat"], field="p_sat"), g, n)
     if not ((p == 0) | ((p >= LEAST_PRIOR) & (p < 1)))[seen].all():
         raise InputError(
             f"p_sat: a prior probability lies between 0 and 1, 1 excluded, and is 0 or at least {LEAST_PRIOR:g}."
         )
     rows, bias, p = np.where(seen[..., None], rows, 0.0), np.where(seen, bias, 0.0), np.where(seen, p, 0.0)
-    c_int, c_acc = variances
-    return Batch(rows, seen, c_int, c_acc, bias, p, letters, _constellations(p_const, letters), single)
+    p_letter = _constellations(by_name["p_const"], letters)
+    return Batch(rows, seen, variances["c_int"], variances["c_acc"], bias, p, letters, p_letter, single)
+
+
+@dataclass(frozen=True)
+class _Said:
+    """An ISM, and the satellites (g, n) that it is asked about: names, letters, and which are in view."""
+
+    ism: Ism
+    names: NDArray[np.str_]
+    letters: NDArray[np.str_]
+    seen: NDArray[np.bool_]
+
+    def of(self, field: str) -> FloatArray:
+        """(g, n), a field; zero out of view."""
+        # Once for each satellite, however many geometries it is in.
+        word = np.char.add(self.letters[self.seen], self.names[self.seen])
+        known, place = np.unique(word, return_inverse=True)
+        found = np.zeros(self.seen.shape)
+        single = [name for name in self.ism.single_satellites(field) if name[0] in known]
+        if single:
+            raise InputError(
+                f"names: the ISM tells {single[0]} from others in {field}; names of satellites are needed."
+            )
+        known_letters, known_names = [one[0] for one in known], [one[1:] for one in known]
+        found[self.seen] = self.ism.values(field, known_names, known_letters)[place.reshape(-1)]
+        return found
+
+
+def _of_ism(
+    said: _Said, given: Mapping[str, Any], noise_m2: Any, by_satellite: Callable[[str, Any], FloatArray]
+) -> dict[str, Any]:
+    """Arguments that an ISM says; what is said twice is refused."""
+    ism, found = said.ism, dict[str, Any]()
+    said_by = {"b_nom": "b_nom_m", "p_sat": "p_sat", "p_const": "p_const", "c_acc": "sigma_ure_m"}
+    for argument, field in said_by.items():
+        if given[argument] is not None and ism.has(field):
+            raise InputError(f"{argument}: the ISM has {field}, which says it; one of the two is needed, not both.")
+    if noise_m2 is not None and given["c_int"] is not None:
+        raise InputError("noise_m2: c_int is given too, which holds it; one of the two is needed, not both.")
+    for argument, field in list(said_by.items())[:2]:
+        if ism.has(field):
+            found[argument] = said.of(field)
+    if ism.has("p_const"):
+        letters = sorted(set(said.letters[said.seen].tolist()))
+        found["p_const"] = dict(zip(letters, ism.values("p_const", letters, letters).tolist(), strict=True))
+    argument, value = ("c_int", given["c_int"]) if noise_m2 is None else ("noise_m2", noise_m2)
+    if value is None or (noise_m2 is None and not ism.has("sigma_ure_m")):
+        return found
+    ura_m2 = said.of("sigma_ura_m") ** 2
+    least = ura_m2 if argument == "c_int" else np.zeros_like(ura_m2)
+    variance = by_satellite(argument, value)
+    for k in np.argwhere(said.seen & ~(variance >= least))[:1].tolist():
+        name = said.names[tuple(k)] or said.letters[tuple(k)]
+        rule = "it holds the square of sigma_ura_m" if argument == "c_int" else "a variance is not negative"
+        raise InputError(
+            f"{argument}: {variance[tuple(k)]:g} m^2 for {name} cannot be used; {rule} (nearest: {least[tuple(k)]:g})."
+        )
+    found["c_int"] = variance - least + ura_m2
+    return found | ({"c_acc": variance - least + said.of("sigma_ure_m") ** 2} if ism.has("sigma_ure_m") else {})
+
+
+def _names(given: Any, letters: NDArray[np.str_], seen: NDArray[np.bool_]) -> NDArray[np.str_]:
+    """(g, n), names of satellites; empty where they are not known."""
+    if given is None:
+        return np.zeros(letters.shape, dtype=np.str_)
+    try:
+        names = np.array(given)
+    except (TypeError, ValueError):
+        names = np.array(None)
+    if names.dtype.kind != "U" or names.shape not in (letters.shape, letters.shape[1:]):
+        raise InputError(f"names: a name for each of the {letters.shape[1]} rows is needed, not {shown(given)}.")
+    return np.where(seen, np.broadcast_to(names, letters.shape), "")
 
 
 def _spread(field: str, value: NDArray[Any], g: int, n: int) -> NDArray[Any]:

@@ -1,13 +1,13 @@
-"""The choice of fault modes inside a compiled function: one prior for all satellites, one for all constellations.
+"""The choice of fault modes inside a compiled function.
 
 The rule is that of `pl_mc.araim.modes`, with combinations of at most two events: what would need three stays not
 monitored. Which combinations there can be is known when the function is compiled; which of them a geometry needs
-is a mask. The letters of the systems are not known here: satellites that share a clock column are a constellation.
+is a mask. Priors are one for all satellites and one for all constellations, and satellites that share a clock column
+are a constellation; or they are those of an ISM, which the code of each row finds, and its letters are.
 """
 
 from __future__ import annotations
 
-import functools
 import math
 from dataclasses import dataclass
 
@@ -15,17 +15,36 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 from jax import Array
-from numpy.typing import NDArray
 
 from pl_mc.araim.modes import CONTAINED
+from pl_mc.input_errors import InputError
+from pl_mc.ism import CODES, Ism
+from pl_mc.ism.codes import EACH, LETTERS
 from pl_mc.kernels import LinearModel
 from pl_mc.kernels.linear_model import COORDINATES, product
 
-# Priors of groups of combinations that differ by less than this share of themselves count as one.
+# Priors of groups of combinations that differ by less than this share of themselves count as one; in single precision
+# as little as rounding leaves.
 _TIE = 1e-9
 
 # What bounds on priors may lose by rounding and by priors of no fault that are not quite one.
 _MARGIN = 1.01
+
+
+@jax.tree_util.register_dataclass
+@dataclass(frozen=True)
+class Events:
+    """What can fail in one geometry, and with which prior; zero where there is nothing.
+
+    Attributes:
+        satellites: (n,), prior of a fault of each row that can move the position.
+        groups: (c, n), which of these rows belong to each constellation.
+        constellations: (c,), prior of a fault of each.
+    """
+
+    satellites: Array
+    groups: Array
+    constellations: Array
 
 
 @dataclass(frozen=True)
@@ -33,41 +52,44 @@ class Priors:
     """Priors and what is done with them; frozen, so that it can be a static argument.
 
     Attributes:
-        p_sat, p_const: prior of a fault of each satellite (positive) and of each constellation (or zero).
+        p_sat, p_const: prior of a fault of each satellite and of each constellation, where the ISM has none.
         p_threshold: P_THRES, what may stay without a test.
         unmonitored: ``plain`` or ``contained``.
+        ism: what says more of them.
     """
 
     p_sat: float
     p_const: float
     p_threshold: float
     unmonitored: str
+    ism: Ism | None = None
 
-    @property
-    def odds(self) -> dict[str, float]:
-        """Odds of the two kinds of events."""
-        both = {"sat": self.p_sat, "const": self.p_const}
-        return {kind: p / (1.0 - p) for kind, p in both.items() if p > 0}
+    def events(self, model: LinearModel) -> Events:
+        """What can fail among the rows of a model."""
+        seen = model.in_view > 0
+        member = _members(model)
+        # The only satellite of a clock decides that clock and nothing else.
+        counts = seen & ~jnp.any(member & (jnp.sum(member, axis=0, keepdims=True) == 1), axis=1)
+        dtype = model.design.dtype
+        if self.ism is None:
+            satellites, groups = jnp.asarray(self.p_sat, dtype), member.T & counts[None]
+            constellations = jnp.full(groups.shape[0], self.p_const, dtype)
+        else:
+            codes = codes_of_rows(model)
+            satellites = jnp.asarray(self.of("p_sat"), dtype)[codes]
+            groups = (codes // EACH == jnp.arange(len(LETTERS), dtype=codes.dtype)[:, None]) & counts[None]
+            constellations = jnp.asarray(self.of("p_const")[::EACH], dtype)
+        there = jnp.any(groups, axis=1)
+        return Events(jnp.where(counts, satellites, 0.0), groups, jnp.where(there, constellations, 0.0))
 
-    def prior_of_none(self, satellites: Array | float, constellations: Array | float) -> Array:
-        """Prior of no fault among so many."""
-        return jnp.exp(satellites * math.log1p(-self.p_sat) + constellations * math.log1p(-self.p_const))
+    def of(self, field: str) -> np.ndarray:
+        """(CODES,), a prior by the codes of satellites."""
+        own = getattr(self, field)
+        return self.ism.table(field) if self.ism is not None and self.ism.has(field) else np.full(CODES, own)
 
-    def kinds(self, order: int) -> list[tuple[str, ...]]:
-        """Kinds of combinations of that many events, in the order in which the modes of a geometry stand."""
-        single: list[tuple[str, ...]] = [(kind,) for kind in self.odds]
-        return single if order == 1 else [a + b for k, a in enumerate(single) for b in single[k:]]
-
-    def stages(self, order: int) -> list[list[tuple[str, ...]]]:
-        """Those kinds by decreasing prior, kinds of one prior together."""
-        size = {kind: math.prod(self.odds[event] for event in kind) for kind in self.kinds(order)}
-        stages: list[list[tuple[str, ...]]] = []
-        for kind in sorted(size, key=lambda kind: -size[kind]):
-            if stages and size[kind] > size[stages[-1][0]] * (1.0 - _TIE):
-                stages[-1].append(kind)
-            else:
-                stages.append([kind])
-        return stages
+    def constellations(self, clocks: int) -> int:
+        """Number of constellations that have a place."""
+        return clocks if self.ism is None else len(LETTERS)
 
     def pairs_possible(self, satellites: int, clocks: int) -> bool:
         """Whether a pair can come to be monitored with at most so many satellites and clocks.
@@ -75,32 +97,45 @@ class Priors:
         A bound over all ways in which they may be spread: pairs inside a constellation are fewest where all have
         the same number.
         """
-        odds, limit = self.odds, self.p_threshold
-        if max(odds.values()) ** 2 > limit:
+        limit, p_const = self.p_threshold, self.of("p_const")[::EACH].tolist()
+        p_sat = np.unique(self.of("p_sat")).tolist()
+        p_const = p_const[:clocks] if self.ism is None else p_const
+        every = [p_sat[-1]] * satellites + p_const
+        if max(_odds(p) for p in every) ** 2 > limit:
             return True
         # More probable single faults are monitored, or so much is lost that no pair helps; others may be lost.
-        bound = float(more_faults(2, satellites, clocks, self.p_sat, self.p_const)[-1, -1])
-        bound += sum(count * p for count, p in ((satellites, self.p_sat), (clocks, self.p_const)) if p <= limit)
-        if self.unmonitored == CONTAINED and self.p_const > limit:
-            each = satellites / clocks
-            inside = clocks * max(each * (each - 1.0) / 2.0, 0.0) * odds["sat"] ** 2
-            inside += satellites * odds["sat"] * odds["const"]
-            bound -= inside * float(np.exp(satellites * np.log1p(-self.p_sat) + clocks * np.log1p(-self.p_const)))
+        few = [p for p in p_sat if p <= limit]
+        bound = faults_at_least(2, every) + satellites * max(few, default=0.0) + sum(p for p in p_const if p <= limit)
+        if self.ism is None and self.unmonitored == CONTAINED and self.p_const > limit:
+            each, odds = satellites / clocks, _odds(self.p_sat)
+            inside = clocks * max(each * (each - 1.0) / 2.0, 0.0) * odds**2 + satellites * odds * _odds(self.p_const)
+            bound -= inside * math.exp(sum(math.log1p(-p) for p in every))
         return bound * _MARGIN > limit
 
 
-@functools.cache
-def more_faults(least: int, satellites: int, clocks: int, p_sat: float, p_const: float) -> NDArray[np.float64]:
-    """(satellites + 1, clocks + 1), prior of ``least`` faults or more, by numbers of what can fail."""
-    table = np.zeros((satellites + 1, clocks + 1))
-    for n in range(satellites + 1):
-        for c in range(clocks + 1):
-            # By numbers of faults; sums of positive terms, so that small priors keep their digits.
-            faults = np.array([1.0])
-            for p in [p_sat] * n + [p_const] * c:
-                faults = np.convolve(faults, [1.0 - p, p])
-            table[n, c] = faults[least:].sum()
-    return table
+def codes_of_rows(model: LinearModel) -> Array:
+    """(n,), the code of each row's satellite; an `InputError` for a model that names none."""
+    if model.satellite is None:
+        raise InputError("araim: ism: this model names no satellites; linear_model takes their codes as satellite.")
+    return model.satellite
+
+
+def faults_at_least(least: int, priors: list[float]) -> float:
+    """Prior of so many faults or more of independent events."""
+    # By numbers of faults; sums of positive terms, so that small priors keep their digits.
+    faults = np.array([1.0])
+    for p in priors:
+        faults = np.convolve(faults, [1.0 - p, p])
+    return float(faults[least:].sum())
+
+
+def _odds(p: float) -> float:
+    return p / (1.0 - p)
+
+
+def _members(model: LinearModel) -> Array:
+    """(n, clocks), which rows in view observe each clock."""
+    return (model.design[:, COORDINATES:] != 0) & (model.in_view > 0)[:, None]
 
 
 @jax.tree_util.register_dataclass
@@ -124,30 +159,22 @@ def compiled_modes(model: LinearModel, priors: Priors) -> CompiledModes:
     """The fault modes of a geometry; pairs have places where the shape of the geometry admits a need for them."""
     n, clocks = model.design.shape[0], model.design.shape[1] - COORDINATES
     dtype = model.design.dtype
-    seen = model.in_view > 0
-    member = (model.design[:, COORDINATES:] != 0) & seen[:, None]
-    # The only satellite of a clock decides that clock and nothing else.
-    lone = jnp.any(member & (jnp.sum(member, axis=0, keepdims=True) == 1), axis=1)
-    counts = seen & ~lone
-    groups = member.T & counts[None]
-    events = {"sat": jnp.eye(n, dtype=bool) & counts[:, None], "const": groups}
-    satellites = jnp.sum(counts, dtype=jnp.int32)
-    constellations = jnp.sum(jnp.any(groups, axis=1), dtype=jnp.int32)
-    none = priors.prior_of_none(satellites.astype(dtype), constellations.astype(dtype))
-
-    kinds = priors.kinds(1) + priors.kinds(2)
-    sets, weights = zip(*(_combinations(events, priors.odds, kind, none) for kind in kinds), strict=True)
-    excluded, prior = jnp.concatenate(sets), jnp.concatenate(weights)
-    kind_of = np.concatenate([np.full(len(part), k) for k, part in enumerate(sets)])
-    orders = (1, 2) if priors.pairs_possible(n, clocks) else (1,)
-    candidates = int((kind_of < sum(len(priors.kinds(order)) for order in orders)).sum())
+    events = priors.events(model)
+    p = jnp.concatenate([events.satellites, events.constellations])
+    single = jnp.concatenate([jnp.eye(n, dtype=bool) & (events.satellites > 0)[:, None], events.groups])
+    none, odds = jnp.exp(jnp.sum(jnp.log1p(-p))), p / (1.0 - p)
+    one, other = np.triu_indices(len(p), 1)
+    excluded = jnp.concatenate([single, single[one] | single[other]])
+    prior = jnp.concatenate([none * odds, none * odds[one] * odds[other]])
+    orders = 2 if priors.pairs_possible(n, clocks) else 1
+    candidates = len(p) if orders == 1 else len(prior)
     # A combination is held by a mode if none of its satellites is outside of the mode.
     outside = product(excluded.astype(dtype), (~excluded[:candidates]).T.astype(dtype))
     holds = (outside == 0) & (prior > 0)[:, None]
-    left_over = jnp.asarray(more_faults(3, n, clocks, priors.p_sat, priors.p_const), dtype)[satellites, constellations]
-    solvable = _solvable(excluded[:candidates], seen, member)
-    limit = priors.p_threshold
-    contained = priors.unmonitored == CONTAINED
+    left_over = _three_or_more(p)
+    solvable = _solvable(excluded[:candidates], model.in_view > 0, _members(model))
+    limit, contained = priors.p_threshold, priors.unmonitored == CONTAINED
+    group = _groups(prior[:candidates], np.arange(candidates) >= len(p))
 
     def covered(chosen: Array) -> tuple[Array, Array]:
         """Which combinations are chosen, and which are not but held by those that are."""
@@ -159,17 +186,17 @@ def compiled_modes(model: LinearModel, priors: Priors) -> CompiledModes:
         own, held = covered(chosen)
         return left_over + jnp.sum(jnp.where(own | held, 0.0, prior))
 
-    chosen = jnp.zeros(candidates, bool)
-    lost = jnp.zeros((), dtype)
-    for order in orders:
-        for stage in priors.stages(order):
-            among = np.isin(kind_of[:candidates], [kinds.index(kind) for kind in stage])
-            there = jnp.asarray(among) & (prior[:candidates] > 0)
-            most = none * math.prod(priors.odds[event] for event in stage[0])
-            wanted = there & ((most > limit) | ((lost <= limit) & (left(chosen) > limit)))
-            lost = lost + jnp.sum(jnp.where(wanted & ~solvable, prior[:candidates], 0.0))
-            wanted = wanted & solvable & ~(covered(chosen)[1][:candidates] & (most <= limit))
-            chosen = chosen | wanted
+    def take(state: tuple[Array, Array, Array]) -> tuple[Array, Array, Array]:
+        k, chosen, lost = state
+        among = group == k
+        most = jnp.max(jnp.where(among, prior[:candidates], 0.0))
+        wanted = among & ((most > limit) | ((lost <= limit) & (left(chosen) > limit)))
+        lost = lost + jnp.sum(jnp.where(wanted & ~solvable, prior[:candidates], 0.0))
+        wanted = wanted & solvable & ~(covered(chosen)[1][:candidates] & (most <= limit))
+        return k + 1, chosen | wanted, lost
+
+    start = (jnp.zeros((), jnp.int32), jnp.zeros(candidates, bool), jnp.zeros((), dtype))
+    _, chosen, _ = jax.lax.while_loop(lambda state: state[0] <= jnp.max(group), take, start)
 
     _, held = covered(chosen)
     holders = (holds & chosen[None] & held[:, None]).astype(dtype)
@@ -178,19 +205,27 @@ def compiled_modes(model: LinearModel, priors: Priors) -> CompiledModes:
     return CompiledModes(excluded[:candidates], probability, left(chosen))
 
 
-def _combinations(
-    events: dict[str, Array], odds: dict[str, float], kind: tuple[str, ...], none: Array
-) -> tuple[Array, Array]:
-    """Satellites and priors of all combinations of a kind; prior zero where an event does not exist."""
-    if len(kind) == 1:
-        sets, exist = events[kind[0]], jnp.any(events[kind[0]], axis=1)
-    else:
-        first, second = (events[event] for event in kind)
-        pick = np.triu_indices(len(first), 1) if kind[0] == kind[1] else np.indices((len(first), len(second)))
-        one, other = (first[pick[0].ravel()], second[pick[1].ravel()])
-        sets, exist = one | other, jnp.any(one, axis=1) & jnp.any(other, axis=1)
-    prior = none * math.prod(odds[event] for event in kind)
-    return sets & exist[:, None], jnp.where(exist, prior, jnp.zeros_like(prior))
+def _groups(prior: Array, pair: np.ndarray) -> Array:
+    """Number of the group of equal priors, from 0, that each combination is taken with; -1 where there is none.
+
+    Single events come before pairs, more probable ones before others.
+    """
+    order = jnp.lexsort((-prior, jnp.asarray(pair)))
+    sorted_prior, sorted_pair = prior[order], jnp.asarray(pair)[order]
+    tie = max(_TIE, 8.0 * float(jnp.finfo(prior.dtype).eps))
+    drops = (sorted_prior[1:] < sorted_prior[:-1] * (1.0 - tie)) | (sorted_pair[1:] != sorted_pair[:-1])
+    number = jnp.concatenate([jnp.zeros(1, jnp.int32), jnp.cumsum(drops, dtype=jnp.int32)])
+    return jnp.where(prior > 0, jnp.zeros(prior.shape, jnp.int32).at[order].set(number), -1)
+
+
+def _three_or_more(p: Array) -> Array:
+    """Prior of three faults or more of independent events (events,); all terms are positive."""
+
+    def add(faults: Array, one: Array) -> tuple[Array, None]:
+        moved = faults * one
+        return faults.at[:3].multiply(1.0 - one).at[1:].add(moved[:-1]), None
+
+    return jax.lax.scan(add, jnp.asarray([1.0, 0.0, 0.0, 0.0], p.dtype), p)[0][3]
 
 
 def _solvable(excluded: Array, seen: Array, member: Array) -> Array:

@@ -8,6 +8,7 @@ from __future__ import annotations
 import functools
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
+from typing import Any
 
 import jax
 import numpy as np
@@ -67,16 +68,19 @@ class AraimLevels:
 @ordinary_arithmetic
 def protection_levels(
     design: ArrayLike,
-    c_int: ArrayLike,
-    c_acc: ArrayLike,
-    systems: Sequence[str] | Sequence[Sequence[str]],
-    b_nom: ArrayLike,
-    p_sat: ArrayLike,
-    p_const: Mapping[str, float],
+    c_int: ArrayLike | None = None,
+    c_acc: ArrayLike | None = None,
+    systems: Sequence[str] | Sequence[Sequence[str]] = (),
+    b_nom: ArrayLike | None = None,
+    p_sat: ArrayLike | None = None,
+    p_const: Mapping[str, float] | None = None,
     budget: Budget = LPV_200,
     unmonitored: str = CONTAINED,
     *,
     in_view: ArrayLike | None = None,
+    ism: Any = None,
+    names: Sequence[str] | Sequence[Sequence[str]] | None = None,
+    noise_m2: ArrayLike | None = None,
 ) -> AraimLevels:
     """Protection levels, thresholds and fault modes of one geometry (n, t) or of a batch (g, n, t).
 
@@ -97,13 +101,21 @@ def protection_levels(
             own. ``contained``: of these only the combinations whose satellites no monitored mode holds together;
             the others add to the prior of the mode that holds them.
         in_view: which rows count, (n,) or (g, n); all unless given. Other rows may hold anything.
+        ism: an integrity support message (`pl_mc.araim.Ism`, a table of its fields or the path of a CSV file), which
+            says b_nom, p_sat and p_const, as far as it has them, and with sigma_URA and sigma_URE c_acc: c_int less
+            sigma_URA^2, plus sigma_URE^2. What it says is not given beside it.
+        names: with an ism, names of the satellites, (n,) or (g, n), where it tells them apart.
+        noise_m2: with an ism, instead of c_int, the variances of all other errors (receiver, troposphere), in its
+            shapes [m^2].
 
     Raises:
-        InputError: shapes that do not fit, numbers that are not finite, variances that are not positive,
-            probabilities outside [0, 1), a letter without a probability, or faults so probable that too many
-            combinations would have to be monitored.
+        InputError: an argument that is missing or said twice, shapes that do not fit, numbers that are not finite,
+            variances that are not positive, probabilities outside [0, 1), a letter without a probability, an ISM
+            that lacks a satellite, or faults so probable that too many combinations would have to be monitored.
     """
-    batch = as_batch(design, c_int, c_acc, systems, b_nom, p_sat, p_const, budget, unmonitored, in_view)
+    batch = as_batch(
+        design, c_int, c_acc, systems, b_nom, p_sat, p_const, budget, unmonitored, in_view, ism, names, noise_m2
+    )
     found, pattern = _patterns(batch, budget, unmonitored)
     g, n = batch.in_view.shape
     numbers = np.array([len(modes.probability) for modes in found])

@@ -38,6 +38,7 @@ class EpochBatch:
         epoch: (e,), epoch numbers, which choose the noise.
         drawn: biases that are drawn with the noise; None where none is.
         one_clock_per_row: whether every satellite has one clock at most, see `pl_mc.kernels.LinearModel`.
+        satellite: (e, n), codes of the satellites, `pl_mc.ism.satellite_codes`.
     """
 
     design: Array
@@ -48,6 +49,7 @@ class EpochBatch:
     epoch: Array
     drawn: DrawnBiases | None = None
     one_clock_per_row: bool = field(default=False, metadata={"static": True})
+    satellite: Array | None = None
 
 
 def count_events(
@@ -126,7 +128,9 @@ def block_outcomes(
 
 def prepare_epoch(one: EpochBatch, methods: tuple[Method, ...]) -> tuple[LinearModel, list]:
     """The model of one epoch, and what each method makes of it before any noise."""
-    model = linear_model(one.design, one.sigma_m, one.in_view, one_clock_per_row=one.one_clock_per_row)
+    model = linear_model(
+        one.design, one.sigma_m, one.in_view, one_clock_per_row=one.one_clock_per_row, satellite=one.satellite
+    )
     return model, [method.prepare(model) for method in methods]
 
 

@@ -150,7 +150,8 @@ def examine_errors(batch: TestBatch, errors_m: Array, *, tests: Tests, p_fa: flo
 
 
 def _prepare(one: TestBatch, tests: Tests, p_fa: float) -> tuple[LinearModel, list]:
-    model = linear_model(one.epochs.design, one.epochs.sigma_m, one.epochs.in_view)
+    given = one.epochs
+    model = linear_model(given.design, given.sigma_m, given.in_view, satellite=given.satellite)
     return model, [test.prepare(model, one.system, p_fa) for test in tests]
 
 

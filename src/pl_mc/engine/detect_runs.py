@@ -24,11 +24,20 @@ from pl_mc.detectors.base import SYSTEM_LETTERS, Detector, Verdict, View
 from pl_mc.engine.calls import Chunk, Cut, run_calls
 from pl_mc.engine.checks import LARGEST_SEED
 from pl_mc.engine.core import EpochBatch
-from pl_mc.engine.detect_core import TestBatch, as_tests, count_detections, examine_errors, fault_free_statistics
+from pl_mc.engine.detect_core import (
+    MethodTest,
+    TestBatch,
+    as_tests,
+    count_detections,
+    examine_errors,
+    fault_free_statistics,
+)
 from pl_mc.engine.noise import LANES
 from pl_mc.geometry.record import Geometry
 from pl_mc.input_errors import InputError, require_fraction, require_whole
+from pl_mc.ism import satellite_codes
 from pl_mc.methods import Method
+from pl_mc.methods.registry import fit_for
 from pl_mc.runtime.precision import dtype_of, precision_scope
 from pl_mc.runtime.threads import cores
 from pl_mc.statistics.least_squares import ls_quantities
@@ -95,6 +104,7 @@ def defined_at(g: Geometry, tests: tuple[Detector, ...]) -> tuple[NDArray[np.boo
     Raises:
         InputError: a single epoch at which a test is not defined, or a series at which one never is.
     """
+    fit_for(tuple(test.method for test in tests if isinstance(test, MethodTest)), g)
     series = g.as_series()
     defined = np.ones((len(series), len(tests)), dtype=bool)
     views = _views(series)
@@ -219,6 +229,7 @@ def _batch(
             bias_m=jnp.asarray(np.zeros(shape) if bias_m is None else bias_m[places], dtype),
             applies=jnp.asarray(np.ones(shape[:2], bool) if applies is None else applies[places]),
             epoch=jnp.asarray(series.epoch[places], np.uint32),
+            satellite=jnp.asarray(satellite_codes(series)[places]),
         ),
         system=jnp.asarray(system_places(series)[places]),
     )

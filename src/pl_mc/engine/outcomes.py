@@ -23,6 +23,7 @@ from pl_mc.engine.plan import make_plan
 from pl_mc.faults import Faults
 from pl_mc.geometry.record import EAST, NORTH, UP, Geometry
 from pl_mc.input_errors import require_whole
+from pl_mc.ism import satellite_codes
 from pl_mc.kernels import linear_model, start_from
 from pl_mc.kernels.parameters import Trees, as_trees, of_trees
 from pl_mc.methods import Method, Outcome, as_methods
@@ -61,7 +62,7 @@ def sample(
     axis = as_axis(axis, alert)
     draws = require_whole(draws, field="draws", low=1, high=LARGEST_DRAWS)
     seed = require_whole(seed, field="seed", low=0, high=LARGEST_SEED)
-    chosen, shaped = as_methods(methods), as_noise_model(noise, g)
+    chosen, shaped = as_methods(methods, g), as_noise_model(noise, g)
     plan = make_plan(g, faults, draws).block_by_block()
 
     def solved(chunk: Chunk, block: np.int32, *others: np.int32) -> list[Outcome]:
@@ -116,16 +117,13 @@ def solve(
     alert = require_geometry_and_alert(g, alert, any_axis=True)
     axis = as_axis(axis, alert)
     series, errors = g.as_series(), require_errors(g, errors_m)
-    chosen = as_methods(methods)
+    chosen = as_methods(methods, g)
     dtype = dtype_of(precision)
     with precision_scope(precision):
         found = _solve_series(
-            series.design.astype(dtype),
-            series.sigma_m.astype(dtype),
-            series.in_view,
-            errors.astype(dtype),
-            as_trees(chosen),
-        )
+            series.design.astype(dtype), series.sigma_m.astype(dtype), series.in_view, errors.astype(dtype),
+            satellite_codes(series), as_trees(chosen),
+        )  # fmt: skip
         found = jax.tree.map(np.asarray, found)
     parts = []
     for method, outcome in zip(chosen, found, strict=True):
@@ -141,15 +139,17 @@ def solve(
 
 
 @jax.jit
-def _solve_series(design: Array, sigma_m: Array, in_view: Array, errors_m: Array, methods: Trees) -> list[Outcome]:
+def _solve_series(
+    design: Array, sigma_m: Array, in_view: Array, errors_m: Array, satellite: Array, methods: Trees
+) -> list[Outcome]:
     chosen = of_trees(methods)
 
-    def one_epoch(rows: Array, sigma: Array, seen: Array, errors: Array) -> list[Outcome]:
-        model = linear_model(rows, sigma, seen)
+    def one_epoch(rows: Array, sigma: Array, seen: Array, errors: Array, codes: Array) -> list[Outcome]:
+        model = linear_model(rows, sigma, seen, satellite=codes)
         start = start_from(model, errors)
         return [method.solve(model, method.prepare(model), start) for method in chosen]
 
-    return jax.vmap(one_epoch)(design, sigma_m, in_view, errors_m)
+    return jax.vmap(one_epoch)(design, sigma_m, in_view, errors_m, satellite)
 
 
 def _columns(outcome: Outcome, alert: AlertLimits, axis: str, chosen: tuple = (...,)) -> dict[str, NDArray]:

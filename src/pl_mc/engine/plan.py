@@ -22,6 +22,7 @@ from pl_mc.engine.noise import LANES
 from pl_mc.faults import Faults
 from pl_mc.geometry.record import POSITION_UNKNOWNS, Geometry
 from pl_mc.injection import row_biases
+from pl_mc.ism import satellite_codes
 
 # Scenarios per call: large enough to hide a call's cost, small enough for a live progress bar and little memory.
 SCENARIOS_PER_CALL = 2**20
@@ -101,6 +102,7 @@ class Plan(Cut):
             epoch=jnp.asarray(g.epoch[index], np.uint32),
             drawn=None if drawn is None else DrawnBiases.of_rows(drawn, dtype),
             one_clock_per_row=self.one_clock_per_row,
+            satellite=jnp.asarray(satellite_codes(g, g.satellite[index])),
         )
 
 

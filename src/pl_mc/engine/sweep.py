@@ -115,7 +115,7 @@ def run_sweep(
         faults=faults,
         draws=require_whole(draws, field="draws", low=1, high=LARGEST_DRAWS),
         seed=require_whole(seed, field="seed", low=0, high=LARGEST_SEED),
-        methods=as_methods(methods),
+        methods=as_methods(methods, g),
         alert=alert,
         precision=str(dtype_of(precision)),
         noise=as_noise_model(noise, g),

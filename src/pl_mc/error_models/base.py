@@ -30,6 +30,7 @@ class Sky:
         elevation_rad: elevation above the horizon, over 0 and at most pi/2 [rad].
         azimuth_rad: azimuth, clockwise from north [rad].
         latitude_rad, longitude_rad: geodetic position of the user [rad].
+        satellite: name of each satellite ("G07"); None where names are not known.
     """
 
     orbit: ArrayLike
@@ -37,6 +38,7 @@ class Sky:
     azimuth_rad: ArrayLike
     latitude_rad: ArrayLike
     longitude_rad: ArrayLike
+    satellite: ArrayLike | None = None
 
     @property
     def shape(self) -> tuple[int, ...]:
@@ -45,11 +47,12 @@ class Sky:
         Raises:
             InputError: the fields do not broadcast against each other.
         """
-        shapes = [np.shape(np.asarray(getattr(self, name))) for name in self.__dataclass_fields__]
+        given = {name: getattr(self, name) for name in self.__dataclass_fields__}
+        shapes = {name: np.shape(np.asarray(value)) for name, value in given.items() if value is not None}
         try:
-            return np.broadcast_shapes(*shapes)
+            return np.broadcast_shapes(*shapes.values())
         except ValueError:
-            listed = ", ".join(f"{name} {s}" for name, s in zip(self.__dataclass_fields__, shapes, strict=True))
+            listed = ", ".join(f"{name} {s}" for name, s in shapes.items())
             raise InputError(f"sky: the shapes of its fields do not fit each other ({listed}).") from None
 
     def checked(self) -> Sky:
@@ -79,7 +82,8 @@ class Sky:
         bad = angles["latitude_rad"][np.abs(angles["latitude_rad"]) > np.pi / 2 + _ZENITH_TOLERANCE_RAD]
         if bad.size:
             raise InputError(f"latitude_rad: {bad.flat[0]:g} rad; a latitude is between -pi/2 and pi/2 rad.")
-        return Sky(orbit=orbit, **angles)
+        names = None if self.satellite is None else np.broadcast_to(np.asarray(self.satellite, dtype=np.str_), shape)
+        return Sky(orbit=orbit, **angles, satellite=names)
 
 
 @runtime_checkable

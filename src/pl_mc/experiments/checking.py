@@ -25,7 +25,7 @@ from pl_mc.experiments.loading import field_problems, read_source
 from pl_mc.faults import Faults, ramp_sizes_m
 from pl_mc.geometry import Geometry
 from pl_mc.input_errors import InputError
-from pl_mc.methods import Method, method
+from pl_mc.methods import Method, as_methods, method
 from pl_mc.noise_models import noise_model
 from pl_mc.runtime.threads import cores
 from pl_mc.studies.planned_sweep import PlannedSweep
@@ -221,6 +221,8 @@ def _further_problems(content: Mapping[str, Any]) -> Iterator[FieldProblem]:
         yield from _tried(where, lambda: build(geometry), own - {"biases"})
     if not isinstance(record.alert, str) or record.alert in OPERATIONS:
         yield from _tried("alert", record.alert_limits)
+    if geometry is not None and not list(_named(content.get("methods"), "methods", method)):
+        yield from _tried("methods", lambda: as_methods(record.method_records(), geometry))
     for field, act in study_of(record).checks(record, geometry):
         yield from _tried(field, act)
 

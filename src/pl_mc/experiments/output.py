@@ -26,7 +26,7 @@ from pl_mc.input_errors import InputError, shown, system_reason
 from pl_mc.report.run_folder import MANIFEST, changed_fields, earlier_place, read_run_folder
 from pl_mc.runtime.small_files import parsed_json, read_text
 from pl_mc.runtime.whole_files import locked, write_whole
-from pl_mc.studies.spec import Experiment
+from pl_mc.studies.spec import Experiment, ism_files
 
 # Packages whose version can change a number or a picture.
 _RECORDED = ("pl_mc", "jax", "jaxlib", "numpy", "scipy", "pandas", "pyarrow", "matplotlib", "pymap3d", "sidereon")
@@ -150,7 +150,8 @@ def write_manifest(folder: Path, *, name: str, experiment: Experiment, notes: Se
 
 def input_hashes(experiment: Experiment) -> dict[str, dict[str, str]]:
     """Names and hashes of the files that an experiment reads, by field."""
-    return {field: {"file": path.name, "sha256": _hash_of(path)} for field, path in experiment.input_files().items()}
+    files = dict(experiment.input_files()) | ism_files(experiment.model_dump(mode="json"))
+    return {field: {"file": path.name, "sha256": _hash_of(path)} for field, path in files.items()}
 
 
 class Unfinished:

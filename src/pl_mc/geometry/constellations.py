@@ -126,6 +126,22 @@ _GALILEO = partial(
     reference=_GALILEO_REFERENCE, sidereal_deg=float(np.degrees(gmst_rad(gps_seconds(_GALILEO_REFERENCE))) % 360),
 )  # fmt: skip
 
+# The 24 + 24 satellites for which ARAIM is studied (Working Group C), as the almanacs almmops and almgalileo24 of
+# Stanford's MAAST have them at their time zero, read off its lines of sight: GPS is the table above, with 26 559.8 km
+# and 4.6394 deg further; Galileo is a Walker 24/3/1 of its own, with an eccentricity of 1e-4 and the perigee at the
+# node. Longitudes are those at time zero, for which we take the date of the ARAIM description (ADD v3.0).
+_ADD_TIME: dict[str, Any] = {"reference": "2017-11-15T00:00:00", "sidereal_deg": 0.0}
+_ADD_GPS_DEG = 4.639362448
+
+
+def add_24_24() -> tuple[Slot, ...]:
+    """The 24 GPS and 24 Galileo satellites of the ARAIM description: G01 to G24 (A1, ... F4) and E01 to E24."""
+    places = [(raan, argument + _ADD_GPS_DEG) for raan, argument in _GPS_PLACES]
+    return (
+        *_GPS(1, places, semi_major_axis_m=26_559.8e3, **_ADD_TIME),
+        *_GALILEO(1, _walker(25.0, 338.22345), eccentricity=1e-4, **_ADD_TIME),
+    )
+
 
 def _geostationary(longitudes_deg: Mapping[int, float]) -> tuple[Slot, ...]:
     """Satellites by number and longitude, in the order given, which is from west to east."""
@@ -174,6 +190,9 @@ CONSTELLATIONS: Mapping[str, Callable[[], tuple[Slot, ...]]] = MappingProxyType(
     {"GPS": gps, "BDS-2": beidou_2, "BDS-3": beidou_3, "GAL": galileo}
 )
 
+# Several constellations under one name, which stands alone.
+SETS: Mapping[str, Callable[[], tuple[Slot, ...]]] = MappingProxyType({"ADD-24+24": add_24_24})
+
 
 def constellation_slots(
     constellations: str | Sequence[str], without: str | Sequence[str] = (), *, gps_slots: Sequence[Slot] | None = None
@@ -181,7 +200,7 @@ def constellation_slots(
     """The slots of one or several constellations, in order, less those switched off.
 
     Args:
-        constellations: names of `CONSTELLATIONS`; a single name may stand alone.
+        constellations: names of `CONSTELLATIONS`, of which a single one may stand alone, or one name of `SETS`.
         without: names of satellites to leave out.
         gps_slots: what stands in for the nominal GPS, such as the satellites of an almanac.
 
@@ -196,12 +215,14 @@ def constellation_slots(
     if not wanted:
         raise InputError(f"constellations: at least one is needed (valid: {', '.join(CONSTELLATIONS)}).")
     for name in wanted:
-        require_choice(name, CONSTELLATIONS, field="constellations")
+        require_choice(name, [*CONSTELLATIONS, *SETS], field="constellations")
         if wanted.count(name) > 1:
             raise InputError(f"constellations: {shown(name)} appears more than once.")
+        if name in SETS and len(wanted) > 1:
+            raise InputError(f"constellations: {name} stands alone, not together with others.")
     if gps_slots is not None and "GPS" not in wanted:
         raise InputError(f"almanac: it holds GPS satellites, but the constellations are {', '.join(wanted)}; add GPS.")
-    made = {name: CONSTELLATIONS[name]() for name in wanted}
+    made = {name: {**CONSTELLATIONS, **SETS}[name]() for name in wanted}
     if gps_slots is not None:
         made["GPS"] = tuple(require_list(gps_slots, field="gps_slots", of="slots"))
         if not all(isinstance(slot, Slot) for slot in made["GPS"]):

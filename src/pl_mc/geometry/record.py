@@ -16,14 +16,13 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from pl_mc.arrays import ordinary_arithmetic
+from pl_mc.constants import MOST_SATELLITES as MOST_SATELLITES
 from pl_mc.input_errors import InputError, nearest, require_numbers, shown
 
 if TYPE_CHECKING:
     import pandas as pd
 
 SYSTEM_NAMES = {"G": "GPS", "C": "BeiDou", "E": "Galileo", "R": "GLONASS"}
-# Satellites that the names of a system can number.
-MOST_SATELLITES = {"G": 32, "C": 63, "E": 36, "R": 27}
 
 EAST, NORTH, UP = 0, 1, 2
 POSITION_UNKNOWNS = 3

@@ -12,7 +12,7 @@ from numpy.typing import ArrayLike, NDArray
 from pl_mc.arrays import ordinary_arithmetic
 from pl_mc.error_models import ErrorModel, Sky, as_error_model
 from pl_mc.geometry.almanac import almanac_slots
-from pl_mc.geometry.constellations import constellation_slots
+from pl_mc.geometry.constellations import SETS, constellation_slots
 from pl_mc.geometry.frames import enu_rotation, geodetic
 from pl_mc.geometry.gps_time import gps_seconds
 from pl_mc.geometry.orbits import satellite_positions_m
@@ -58,7 +58,8 @@ def simulate(
         mask_deg: elevation below which a satellite does not count, 0 to below 90 [deg].
         visible: (epochs, m), False where a satellite is hidden for reasons other than the mask; m counts the
             satellites of `constellation_slots(constellations, without)`, or those of the SP3 file.
-        constellations: names of `pl_mc.geometry.constellations.CONSTELLATIONS`.
+        constellations: names of `pl_mc.geometry.constellations.CONSTELLATIONS`, or ``ADD-24+24`` alone: the GPS and
+            Galileo satellites of the ARAIM description.
         without: satellites that are switched off.
         almanac: a YUMA or SEM file, whose healthy satellites take the place of the nominal GPS.
         sp3: an SP3 file, plain or packed, whose satellites take the place of all nominal ones, at its positions
@@ -83,6 +84,11 @@ def simulate(
     )
     if sp3 is not None and almanac is not None:
         raise InputError("sp3: an almanac is given too; the satellites come from one of the two files.")
+    for name in [] if sp3 is None and almanac is None else [name for name in wanted if name in SETS]:
+        raise InputError(
+            f"constellations: {name} is nominal as a whole; for the satellites of a file name them one by one, such as "
+            "GPS and GAL."
+        )
     real = None if almanac is None else almanac_slots(almanac, first_gps_s)
     # The satellites of an SP3 file are its own: of the nominal ones the names of constellations alone are checked.
     slots = constellation_slots(wanted, () if sp3 is not None else off, gps_slots=real)
@@ -138,6 +144,7 @@ def simulate(
         azimuth_rad=np.arctan2(east, north) % (2 * np.pi),
         latitude_rad=latitude[at],
         longitude_rad=longitude[at],
+        satellite=np.array(satellites.names)[satellite],
     )
     sigma = np.asarray(model.sigma_m(sky), dtype=float)
     if sigma.shape != at.shape:

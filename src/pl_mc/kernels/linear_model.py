@@ -53,6 +53,8 @@ class LinearModel:
         available: whether a solution with a posterior variance exists: N regular and n > t.
         one_clock_per_row: whether every row has one clock at most, so that clocks meet in N with coordinates alone;
             a promise of the caller, which allows a faster elimination.
+        satellite: (n,), code of each row's satellite (`pl_mc.ism.codes_of`), for methods that tell satellites apart;
+            None where nobody said.
     """
 
     design: Array
@@ -73,11 +75,13 @@ class LinearModel:
     dof: Array
     available: Array
     one_clock_per_row: bool = field(default=False, metadata={"static": True})
+    satellite: Array | None = None
 
 
 def linear_model(
-    design: Array, sigma_m: Array, in_view: Array | None = None, *, one_clock_per_row: bool = False
-) -> LinearModel:
+    design: Array, sigma_m: Array, in_view: Array | None = None, *, one_clock_per_row: bool = False,
+    satellite: Array | None = None,
+) -> LinearModel:  # fmt: skip
     """Prepare one geometry.
 
     Args:
@@ -85,6 +89,7 @@ def linear_model(
         sigma_m: (n,), standard deviations [m].
         in_view: (n,), which rows count; all unless given.
         one_clock_per_row: the caller's promise that every row has one clock at most.
+        satellite: (n,), codes of the satellites, for methods that tell them apart.
     """
     n, t = design.shape
     seen = jnp.ones((n,), bool) if in_view is None else jnp.asarray(in_view, bool)
@@ -127,6 +132,7 @@ def linear_model(
         dof=dof,
         available=factor.regular & (dof >= 1),
         one_clock_per_row=one_clock_per_row,
+        satellite=satellite,
     )
 
 

@@ -7,6 +7,7 @@ inside the compiled sweep. Satellites that share a clock column are a constellat
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import Any
 
 import jax
 import jax.numpy as jnp
@@ -15,16 +16,23 @@ from jax import Array
 from numpy.typing import NDArray
 
 from pl_mc.araim.budget import LPV_200, Budget
-from pl_mc.araim.compiled_modes import Priors, compiled_modes
+from pl_mc.araim.compiled_modes import Priors, codes_of_rows, compiled_modes
 from pl_mc.araim.levels import protection_levels
 from pl_mc.araim.modes import CONTAINED, UNMONITORED
 from pl_mc.araim.solving import Subsets, Whole, fit_subsets, solve_levels
 from pl_mc.arrays import FloatArray
-from pl_mc.geometry.record import EAST, NORTH, UP
+from pl_mc.geometry.record import EAST, NORTH, UP, Geometry
 from pl_mc.input_errors import InputError, require_choice, require_number, require_positive
+from pl_mc.ism import FIELDS, as_ism
 from pl_mc.kernels import LeastSquaresSolution, LinearModel
 from pl_mc.kernels.linear_model import COORDINATES, per_lane, product
 from pl_mc.methods.base import Named, Outcome
+
+# Options of the method, and arguments of its levels, that a field of an ISM stands for.
+_SAID_BY = {"p_sat": "p_sat", "p_const": "p_const", "b_nom_m": "b_nom_m", "accuracy_ratio": "sigma_ure_m"}
+_ARGUMENTS = {"c_acc": "sigma_ure_m", "b_nom": "b_nom_m", "p_sat": "p_sat", "p_const": "p_const"}
+# A sigma that is the URA and nothing else may have lost a digit.
+_ROUNDING = 1e-9
 
 
 @jax.tree_util.register_dataclass
@@ -66,6 +74,10 @@ class Araim(Named):
             latter, so with a smaller ratio false alerts are more frequent than the budget says.
         budget: the operation's risks.
         unmonitored: ``contained`` or ``plain``, as for `pl_mc.araim.protection_levels`.
+        ism: an integrity support message, `pl_mc.araim.Ism`, a table of its fields or the path of a CSV file, which
+            says of each satellite or constellation what the options above say of all, as far as it has it. With its
+            sigma_URE the variance of the accuracy model is that of the model, less sigma_URA^2, plus sigma_URE^2: the
+            model's sigma has to hold sigma_URA, as that of `pl_mc.error_model` with the same ``ism`` does.
     """
 
     key = "araim"
@@ -76,6 +88,7 @@ class Araim(Named):
     accuracy_ratio: float = 1.0
     budget: Budget = LPV_200
     unmonitored: str = CONTAINED
+    ism: Any = None
 
     def __post_init__(self) -> None:
         require_positive(self.p_sat, field="araim: p_sat")
@@ -90,12 +103,35 @@ class Araim(Named):
         if not isinstance(self.budget, Budget):
             raise InputError(f"araim: budget: a budget such as pl_mc.araim.LPV_200 is needed, not {self.budget!r}.")
         require_choice(self.unmonitored, UNMONITORED, field="araim: unmonitored")
+        if self.ism is not None:
+            object.__setattr__(self, "ism", as_ism(self.ism, field="araim: ism"))
+            for option, field in _SAID_BY.items():
+                if self.ism.has(field) and getattr(self, option) != type(self).__dataclass_fields__[option].default:
+                    raise InputError(f"araim: {option}: the ism has {field}, which says it; leave one of the two out.")
+
+    def require_geometry(self, g: Geometry) -> None:
+        """Raise `InputError` where the ISM lacks a satellite of a geometry, or a sigma there is below its sigma_URA."""
+        if self.ism is None:
+            return
+        for field in FIELDS:
+            if self.ism.has(field):
+                self.ism.values(field, g.names, g.systems)
+        if self.ism.has("sigma_ure_m"):
+            ura_m = self.ism.values("sigma_ura_m", g.names, g.systems)[g.satellite]
+            for place in np.argwhere(g.in_view & (g.sigma_m < ura_m * (1.0 - _ROUNDING)))[:1]:
+                k = tuple(place)
+                raise InputError(
+                    f"{self.ism.source}: sigma_ura_m: {ura_m[k]:g} m of {g.names[g.satellite[k]]} is more than its "
+                    f"sigma in the geometry, {g.sigma_m[k]:.4g} m, which has to hold it (nearest: an error model with "
+                    "the same ism)."
+                )
 
     levels_from_geometry = True
 
     def batched_levels(
-        self, design: FloatArray, sigma_m: FloatArray, in_view: NDArray[np.bool_], systems: NDArray[np.str_]
-    ) -> tuple[FloatArray, FloatArray]:
+        self, design: FloatArray, sigma_m: FloatArray, in_view: NDArray[np.bool_], systems: NDArray[np.str_],
+        names: NDArray[np.str_] | None = None,
+    ) -> tuple[FloatArray, FloatArray]:  # fmt: skip
         """The levels of `pl_mc.araim`, with the sigma of the model as that of the integrity model."""
         variance = sigma_m**2
         letters = sorted(set(np.unique(systems).tolist()) - {""})
@@ -103,20 +139,27 @@ class Araim(Named):
         if not letters:
             nothing = np.full(len(variance), np.inf)
             return nothing, nothing
+        own: dict[str, Any] = {
+            "c_acc": self.accuracy_ratio**2 * variance, "b_nom": self.b_nom_m, "p_sat": self.p_sat,
+            "p_const": dict.fromkeys(letters, self.p_const),
+        }  # fmt: skip
+        if self.ism is not None:
+            own = {name: value for name, value in own.items() if not self.ism.has(_ARGUMENTS[name])}
+            own |= {"ism": self.ism, "names": names}
         levels = protection_levels(
-            design, variance, self.accuracy_ratio**2 * variance, systems.tolist(), self.b_nom_m, self.p_sat,
-            dict.fromkeys(letters, self.p_const), self.budget, self.unmonitored, in_view=in_view,
+            design, variance, systems=systems.tolist(), budget=self.budget, unmonitored=self.unmonitored,
+            in_view=in_view, **own,
         )  # fmt: skip
         # A solution without redundancy counts as none, as for every method.
         sound = levels.available & (in_view.sum(axis=1) > unknowns)
         return np.where(sound, levels.hpl_m, np.inf), np.where(sound, levels.vpl_m, np.inf)
 
     def prepare(self, model: LinearModel) -> Prepared:
-        priors = Priors(self.p_sat, self.p_const, self.budget.p_threshold, self.unmonitored)
+        priors = Priors(self.p_sat, self.p_const, self.budget.p_threshold, self.unmonitored, self.ism)
         modes = compiled_modes(model, priors)
         n, t = model.design.shape
         # All single faults are one block. Pairs are many and seldom needed: blocks without any are passed over.
-        width = n + t - COORDINATES
+        width = n + priors.constellations(t - COORDINATES)
         blocks = -(-modes.probability.shape[0] // width)
         surplus = blocks * width - modes.probability.shape[0]
         excluded = jnp.pad(modes.excluded, ((0, surplus), (0, 0))).reshape(blocks, width, n)
@@ -190,13 +233,24 @@ class Araim(Named):
 
     def _fit(self, model: LinearModel, excluded: Array) -> tuple[Whole, Subsets]:
         """The solution with all satellites and those of some modes (modes, n), for a single geometry."""
+        root, dtype = model.weight_root, model.design.dtype
+        bias_m, accuracy = jnp.asarray(self.b_nom_m, dtype), jnp.full(root.shape, self.accuracy_ratio**2, dtype)
+        if self.ism is not None and self.ism.has("b_nom_m"):
+            bias_m = self._said("b_nom_m", model)
+        if self.ism is not None and self.ism.has("sigma_ure_m"):
+            change = self._said("sigma_ure_m", model) ** 2 - self._said("sigma_ura_m", model) ** 2
+            accuracy = jnp.maximum(1.0 + change * root**2, 0.0)
         return fit_subsets(
             model.design[..., None],
             (model.in_view > 0)[:, None],
             excluded.T[..., None],
-            (self.b_nom_m * model.weight_root)[:, None],
-            jnp.full((model.design.shape[0], 1), self.accuracy_ratio**2, model.design.dtype),
+            (bias_m * root)[:, None],
+            accuracy[:, None],
         )
+
+    def _said(self, field: str, model: LinearModel) -> Array:
+        """(n,), what the ISM says of the satellite of each row."""
+        return jnp.asarray(self.ism.table(field), model.design.dtype)[codes_of_rows(model)]
 
     def _nothing(self, model: LinearModel, excluded: Array) -> tuple[Whole, Subsets]:
         """Zeros of the shape of `_fit`."""

@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from typing import Any
 
+from pl_mc.geometry.record import Geometry
 from pl_mc.kernels.parameters import with_numbers
 from pl_mc.methods.araim import Araim
 from pl_mc.methods.base import Method
@@ -54,6 +55,17 @@ def method(name: str, **options: Any) -> Method:
     return build_named(name, METHODS, options, what="method")
 
 
-def as_methods(methods: Sequence[str | Method]) -> tuple[Method, ...]:
-    """Names and records, made records; an `InputError` for none, for strangers and for two of one name."""
-    return as_records(methods, METHODS, Method, what="method", read=with_numbers)
+def as_methods(methods: Sequence[str | Method], g: Geometry | None = None) -> tuple[Method, ...]:
+    """Names and records, made records; an `InputError` for none, for strangers and for two of one name.
+
+    With a geometry also for those that say by a function ``require_geometry`` of theirs that they cannot be used there.
+    """
+    return fit_for(as_records(methods, METHODS, Method, what="method", read=with_numbers), g)
+
+
+def fit_for(methods: tuple[Any, ...], g: Geometry | None) -> tuple[Any, ...]:
+    """The methods; an `InputError` of one of them that cannot be used with a geometry."""
+    for one in methods if g is not None else ():
+        if callable(require := getattr(one, "require_geometry", None)):
+            require(g)
+    return methods

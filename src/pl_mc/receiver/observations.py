@@ -118,6 +118,7 @@ def read_receiver_series(
         azimuth_rad=azimuth[in_view],
         latitude_rad=latitude[row],
         longitude_rad=longitude[row],
+        satellite=np.array(data.names)[column],
     )
     sigma_m = np.ones(in_view.shape)
     sigma_m[in_view] = model.sigma_m(sky)

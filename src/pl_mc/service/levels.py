@@ -34,7 +34,7 @@ def levels_of_batch(
     seed over epochs of these numbers (g,). A method's own function has a precision of its own.
     """
     noisy = tuple(method for method in methods if not levels_from_geometry(method))
-    batched = {m.name: declared(m, "batched_levels") for m in methods if levels_from_geometry(m)}
+    batched = {m.name: _batched(m, batch) for m in methods if levels_from_geometry(m)}
     quiet = tuple(m for m in methods if m.name in batched and batched[m.name] is None)
     found: dict[str, tuple[FloatArray, FloatArray]] = {}
     if noisy or quiet:
@@ -50,6 +50,13 @@ def levels_of_batch(
             horizontal, vertical = own(batch.design, batch.sigma_m, batch.in_view, batch.systems)
             found[name] = horizontal[:, None], vertical[:, None]
     return [found[method.name] for method in methods]
+
+
+def _batched(method: Method, batch: Geometries) -> Callable[..., tuple[FloatArray, FloatArray]] | None:
+    """A method's own function for batches, if it has one; one that tells satellites apart has their names."""
+    own = declared(method, "batched_levels")
+    names = own is not None and getattr(method, "ism", None) is not None
+    return functools.partial(own, names=batch.names) if names else own
 
 
 @functools.cache

@@ -94,6 +94,7 @@ class Geometries:
         design: (g, n, t) [m/m]; sigma_m: (g, n) [m]; in_view: (g, n).
         satellite: (g, n), index of each row's satellite; 0 on padding.
         systems: (g, n), RINEX letters; empty on padding.
+        names: (g, n), names of the satellites; empty on padding, None where nobody asks.
     """
 
     design: FloatArray
@@ -101,6 +102,7 @@ class Geometries:
     in_view: NDArray[np.bool_]
     satellite: NDArray[np.int64]
     systems: NDArray[np.str_]
+    names: NDArray[np.str_] | None = None
 
 
 class WorldSky:
@@ -116,6 +118,7 @@ class WorldSky:
         self._satellite_m = satellite_positions_m(self.slots, time_gps_s)
         self._letters = np.array([slot.system for slot in self.slots])
         self._orbits = np.array([slot.orbit for slot in self.slots])
+        self._names = np.array([slot.name for slot in self.slots])
 
     @property
     def epochs(self) -> int:
@@ -156,6 +159,7 @@ class WorldSky:
             azimuth_rad=np.arctan2(east, north) % (2 * np.pi),
             latitude_rad=latitude_rad[site],
             longitude_rad=longitude_rad[site],
+            satellite=self._names[order[seen]],
         )
         sigma = np.asarray(self.model.sigma_m(sky), dtype=float)
         if sigma.shape != up.shape:
@@ -167,4 +171,5 @@ class WorldSky:
             raise InputError("sigma_m: a sigma is finite and positive for every satellite in view.")
         sigma_m = np.ones(seen.shape)
         sigma_m[seen] = sigma
-        return Geometries(design, sigma_m, seen, np.where(seen, order, 0), systems)
+        names = np.where(seen, self._names[order], "")
+        return Geometries(design, sigma_m, seen, np.where(seen, order, 0), systems, names)

@@ -107,6 +107,7 @@ def pass_plan(
         applies=jnp.ones((len(rows.design), 1), bool),
         epoch=jnp.arange(len(rows.design), dtype=jnp.uint32),
         one_clock_per_row=bool(((rows.design[..., 3:] != 0).sum(axis=-1) <= 1).all()),
+        satellite=None if rows.codes is None else jnp.broadcast_to(rows.codes, rows.sigma_m.shape),
     )
     models, prepared = _prepare_all(batch, as_trees(methods))
     return PassPlan(

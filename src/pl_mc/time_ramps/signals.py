@@ -19,6 +19,7 @@ from pl_mc.arrays import FloatArray
 from pl_mc.engine.noise import LANES, epoch_key
 from pl_mc.geometry.record import Geometry
 from pl_mc.input_errors import InputError, require_choice, require_number
+from pl_mc.ism import codes_of
 from pl_mc.noise_models.gauss_markov import GaussMarkov
 
 # Keys of passes lie beyond those of single epochs and of exposures.
@@ -66,6 +67,7 @@ class Rows:
         sigma_m: (T, m), 1 where it is out of view [m].
         in_view: (T, m).
         interval_s: time between epochs [s].
+        codes: (m,), codes of the satellites, for methods that tell them apart.
     """
 
     names: tuple[str, ...]
@@ -73,6 +75,7 @@ class Rows:
     sigma_m: FloatArray
     in_view: NDArray[np.bool_]
     interval_s: float
+    codes: NDArray[np.int32] | None = None
 
 
 def rows_by_satellite(g: Geometry) -> Rows:
@@ -94,7 +97,7 @@ def rows_by_satellite(g: Geometry) -> Rows:
     design[at, satellite] = g.design[at, row]
     sigma_m[at, satellite] = g.sigma_m[at, row]
     in_view[at, satellite] = True
-    return Rows(g.names, design, sigma_m, in_view, float(steps[0]))
+    return Rows(g.names, design, sigma_m, in_view, float(steps[0]), codes_of(g.names, g.systems))
 
 
 def unit_ramp_m(rows: Rows, satellite: str, onset: int) -> FloatArray:

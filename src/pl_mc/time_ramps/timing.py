@@ -22,6 +22,7 @@ from pl_mc.input_errors import InputError, require_fraction, require_numbers, re
 from pl_mc.kernels.parameters import as_trees
 from pl_mc.methods import METHODS, Method
 from pl_mc.methods.capabilities import refusal
+from pl_mc.methods.registry import fit_for
 from pl_mc.named import as_records, build_named
 from pl_mc.runtime.precision import precision_scope
 from pl_mc.runtime.progress import progress_bar
@@ -117,7 +118,7 @@ def time_to_alert(
     alert = require_geometry_and_alert(g_series, alert)
     rows = rows_by_satellite(g_series)
     noise = NoiseInTime(tau_s=tau_s, share=share)
-    tests = as_tests(methods)
+    tests = fit_for(as_tests(methods), g_series)
     rates = _rates(rates_m_per_s)
     draws = require_whole(draws, field="draws", low=1, high=_MOST_DRAWS)
     seed = require_whole(seed, field="seed", low=0, high=LARGEST_SEED)

@@ -32,6 +32,8 @@ from pl_mc.integrity_risk.budget.fault_modes import (
     COMMON,
     FAULT_FREE,
     INDEPENDENT,
+    P_CONST,
+    P_SAT,
     PAIR,
     Mode,
     Sizes,
@@ -50,6 +52,7 @@ from pl_mc.integrity_risk.worst.ls_exact import (
 )
 from pl_mc.integrity_risk.worst.search import NO_ESTIMATE, Estimator, rare_event_estimator
 from pl_mc.integrity_risk.worst.worst_case import exact_worst, worst_case
+from pl_mc.ism import as_ism
 from pl_mc.methods import Method, as_methods
 from pl_mc.statistics.exact import LeastSquaresLaw
 
@@ -95,8 +98,9 @@ def risk_budget(
     alarm: Literal["pl", "chi2"] = "pl",
     p_fa: float = 1e-3,
     alert: str | AlertLimits = LPV_200,
-    p_sat: float | Mapping[str, float] = 1e-5,
-    p_const: float | Mapping[str, float] = 1e-4,
+    p_sat: float | Mapping[str, float] = P_SAT,
+    p_const: float | Mapping[str, float] = P_CONST,
+    ism: Any = None,
     bias: Any = "worst",
     weights: ArrayLike | None = None,
     signs: Literal["random", "positive"] = "random",
@@ -124,6 +128,9 @@ def risk_budget(
         p_sat: prior probability that a satellite is faulted at a sample, one for all, or by name (or by system
             letter, for what is not named).
         p_const: prior probability that a constellation is faulted, one for all, or by system letter; 0 for none.
+        ism: an integrity support message that says p_sat and p_const, or one of them: `pl_mc.araim.Ism`, a table of its
+            fields or the path of a CSV file. Of its other fields a budget makes no use: the sigma of ``g`` holds
+            sigma_URA where its error model has the ISM.
         bias: ``worst``, for every mode its worst fault; or the distribution of the size of a bias [m], the same for
             every faulted satellite and independent: ``("uniform", 5, 100)`` (or another continuous distribution of
             `scipy.stats` with its parameters; of "uniform" the ends), a frozen `scipy.stats` distribution, or an
@@ -166,11 +173,11 @@ def risk_budget(
     sizes = None if isinstance(bias, str) and bias == "worst" else Sizes.of(bias, weights, signs)
     if sizes is None and weights is not None:
         raise InputError("weights: they belong to an array of sizes, which bias='worst' is not.")
-    (chosen,) = as_methods([method])
+    (chosen,) = as_methods([method], g)
     law = law_with(alarm, chosen, estimated=estimator is not None)
     # Least squares ranks the pairs for every method.
     epoch = ls_epoch(g, law or LeastSquaresLaw(), alarm=alarm, p_fa=p_fa, alert=alert)
-    satellite_priors, constellation_priors = source_priors(g, p_sat, p_const)
+    satellite_priors, constellation_priors = source_priors(g, p_sat, p_const, None if ism is None else as_ism(ism))
     modes = fault_modes(g, satellite_priors, constellation_priors, constellation=constellation)
     modes = _choose_pairs(modes, epoch, ("all" if law else _FEW_PAIRS) if pairs is None else pairs)
     if law:

@@ -20,6 +20,10 @@ from pl_mc.arrays import FloatArray
 from pl_mc.faults import MOST_BIAS_M
 from pl_mc.geometry.record import SYSTEM_NAMES, Geometry
 from pl_mc.input_errors import InputError, require_choice, require_numbers, shown
+from pl_mc.ism import Ism
+
+# Priors of a satellite and of a constellation, unless somebody says others (ADD v3.0, appendix D).
+P_SAT, P_CONST = 1e-5, 1e-4
 
 INDEPENDENT, COMMON = "independent", "common"
 FAULT_FREE, SATELLITE, PAIR, CONSTELLATION = "fault_free", "satellite", "pair", "constellation"
@@ -105,9 +109,9 @@ def not_monitored(modes: Sequence[Mode], priors: Sequence[float]) -> float:
 
 
 def source_priors(
-    g: Geometry, p_sat: float | Mapping[str, float], p_const: float | Mapping[str, float]
+    g: Geometry, p_sat: float | Mapping[str, float], p_const: float | Mapping[str, float], ism: Ism | None = None
 ) -> tuple[list[float], dict[str, float]]:
-    """Of every satellite, and of every constellation in view."""
+    """Of every satellite, and of every constellation in view; what an ISM says of them comes before the rest."""
 
     def checked(value: Any, field: str) -> float:
         if isinstance(value, bool) or not isinstance(value, int | float | np.number) or not 0.0 <= value < 1.0:
@@ -121,6 +125,16 @@ def source_priors(
         raise InputError(f"{field}: {keys[0]} is missing; a probability for each is needed, by name or by system.")
 
     letters = list(dict.fromkeys(g.systems))
+    if ism is not None:
+        for field, given, usual in (("p_sat", p_sat, P_SAT), ("p_const", p_const, P_CONST)):
+            if ism.has(field) and given != usual:
+                raise InputError(f"{field}: the ism has it too; leave one of the two out.")
+        if not ism.has("p_const"):
+            ism.with_field("p_sat")
+        if ism.has("p_sat"):
+            p_sat = dict(zip(g.names, ism.values("p_sat", g.names, g.systems).tolist(), strict=True))
+        if ism.has("p_const"):
+            p_const = dict(zip(letters, ism.values("p_const", letters, letters).tolist(), strict=True))
     if isinstance(p_sat, Mapping):
         for key in p_sat:
             require_choice(key, [*g.names, *SYSTEM_NAMES], field="p_sat")

@@ -125,7 +125,7 @@ def calibrate(
     require_fraction(confidence, field="confidence")
     draws = require_whole(draws, field="draws", low=1, high=LARGEST_DRAWS)
     seed = require_whole(seed, field="seed", low=0, high=LARGEST_SEED)
-    (chosen,) = as_methods([method])
+    (chosen,) = as_methods([method], g)
     require_k(chosen)
     series = g.as_series()
 

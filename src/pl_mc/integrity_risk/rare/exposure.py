@@ -102,7 +102,7 @@ def exposure(
     draws = require_whole(draws, field="draws", low=1, high=LARGEST_DRAWS)
     seed = require_whole(seed, field="seed", low=0, high=LARGEST_SEED)
     model = as_noise_model(noise, g)
-    chosen = as_methods(methods)
+    chosen = as_methods(methods, g)
     samples = samples_of(duration_s, interval_s)
     taus = _taus(tau_s)
     plan, dtype = make_plan(g, faults, draws).block_by_block(), dtype_of(precision)

@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import functools
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import Any, Self
 
 import jax
@@ -21,6 +21,7 @@ from pl_mc.alert import AlertLimits
 from pl_mc.arrays import FloatArray
 from pl_mc.engine.events import unconverged
 from pl_mc.geometry.record import POSITION_UNKNOWNS, UP, Geometry
+from pl_mc.ism import satellite_codes
 from pl_mc.kernels import linear_model, start_from
 from pl_mc.kernels.parameters import Trees, as_trees, of_trees
 from pl_mc.methods.base import Method, Outcome
@@ -134,6 +135,7 @@ class EpochState(InCoordinates):
         vertical_m: vertical alert limit [m].
         coordinates: the coordinates of the points: `rotation` for errors that are Gaussian but for a constant,
             else `all_axes`.
+        satellite: (n,), codes of the satellites, for methods that tell them apart.
     """
 
     design: FloatArray
@@ -144,6 +146,7 @@ class EpochState(InCoordinates):
     event: str
     vertical_m: float
     coordinates: Rotation
+    satellite: NDArray[np.int32] | None = field(default=None, kw_only=True)
 
     @classmethod
     def of(
@@ -154,11 +157,12 @@ class EpochState(InCoordinates):
         seen, design, sigma = series.in_view[epoch], series.design[epoch], series.sigma_m[epoch]
         bias = np.where(seen, bias_m[series.satellite[epoch]], 0.0)
         turned = rotation(design, sigma, seen, bias) if coordinates is None else coordinates
-        return cls(design, sigma, seen, bias, method, event, alert.val_m, turned, **options)
+        codes = satellite_codes(series, series.satellite[epoch])
+        return cls(design, sigma, seen, bias, method, event, alert.val_m, turned, satellite=codes, **options)
 
     def computed(self, points: FloatArray, of: OfOutcome, event: Any, noise_model: NoiseModel = GAUSSIAN) -> FloatArray:
         """(N,), what a function of outcomes, alert limit and event makes of points (N, dimension), call by call."""
-        arrays = (self.design, self.sigma_m, self.in_view, self.bias_m)
+        arrays = (self.design, self.sigma_m, self.in_view, self.satellite, self.bias_m)
         rows, vertical_m = self.coordinates.matrix, np.float64(self.vertical_m)
         values, method = np.empty(len(points)), as_trees((self.method,))
         with precision_scope("float64"):
@@ -192,12 +196,12 @@ class LimitState(EpochState):
 
 @functools.partial(jax.jit, static_argnames=("of", "noise_model"))
 def _values(
-    design: Array, sigma_m: Array, in_view: Array, bias_m: Array, noise: Array, vertical_m: Array, event: Array,
-    methods: Trees, *, of: OfOutcome, noise_model: NoiseModel,
+    design: Array, sigma_m: Array, in_view: Array, satellite: Array | None, bias_m: Array, noise: Array,
+    vertical_m: Array, event: Array, methods: Trees, *, of: OfOutcome, noise_model: NoiseModel,
 ) -> Array:  # fmt: skip
     """(N,), what ``of`` makes of the outcomes of standard normal numbers (N, k n)."""
     (method,) = of_trees(methods)
-    model = linear_model(design, sigma_m, in_view)
+    model = linear_model(design, sigma_m, in_view, satellite=satellite)
     prepared = method.prepare(model)
     rows = sigma_m.shape[0]
 

@@ -152,7 +152,7 @@ def risk(
     most = require_whole(max_evaluations, field="max_evaluations", low=FEWEST_EVALUATIONS, high=MOST_EVALUATIONS)
     require_within(target_cov, field="target_cov", low=1e-3, high=1.0)
     threads = cores() if workers is None else require_whole(workers, field="workers", low=1)
-    (chosen,) = as_methods([method])
+    (chosen,) = as_methods([method], g)
     model = as_noise_model(noise, g)
     series = g.as_series()
     available = np.atleast_1d(ls_quantities(series).available)

@@ -132,7 +132,7 @@ def worst_case(
     """
     alert = require_geometry_and_alert(g, alert)
     require_event(event)
-    (chosen,) = as_methods([method])
+    (chosen,) = as_methods([method], g)
     law = law_with(alarm, chosen, estimated=estimator is not None)
     refine = require_whole(refine, field="refine", low=1)
     seed = require_whole(seed, field="seed", low=0, high=LARGEST_SEED)

@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Iterable, Iterator
 from functools import partial
-from typing import Annotated, Literal
+from typing import Annotated, Any, Literal
 
 from pydantic import Field
 
@@ -90,6 +90,9 @@ class BudgetChoice(Strict):
     event: EventName = "missed"
     p_sat: float | dict[str, float] = 1e-5
     p_const: float | dict[str, float] = 1e-4
+    ism: str | dict[str, Any] | None = Field(
+        default=None, description="integrity support message with these priors: a CSV file, or a table of its fields"
+    )
     sizes_m: Annotated[tuple[float, ...], Field(min_length=1)] | None = None
     constellation: Literal["independent", "common"] = "independent"
     pairs: int | Literal["all"] | None = None

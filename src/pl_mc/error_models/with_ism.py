@@ -1,0 +1,48 @@
+"""An error model with the orbit and clock errors that an integrity support message promises."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from pl_mc.error_models.base import ErrorModel, FromVariance, Sky
+from pl_mc.input_errors import InputError
+from pl_mc.ism import Ism
+
+# Letters of the classes of orbit.
+_LETTERS = {"GPS": "G", "BDS-MEO": "C", "BDS-IGSO": "C", "BDS-GEO": "C", "GAL": "E", "GLO": "R"}
+
+
+@dataclass(frozen=True)
+class WithIsm(FromVariance):
+    """sigma_URA^2 of an ISM beside the variance of another model: C_int of the ADD, the variance of integrity.
+
+    Attributes:
+        model: what gives the errors of receiver and atmosphere.
+        ism: for its ``sigma_ura_m``.
+    """
+
+    model: ErrorModel
+    ism: Ism
+
+    @property
+    def name(self) -> str:
+        """The name of the other model with that of the ISM."""
+        return f"{self.model.name}(ism={self.ism})"
+
+    def variance_m2(self, sky: Sky) -> NDArray[np.float64]:
+        """The variance of the other model and sigma_URA^2 [m^2]."""
+        letters = np.vectorize(_LETTERS.__getitem__, otypes=[np.str_])(sky.orbit).ravel().tolist()
+        single = self.ism.single_satellites("sigma_ura_m")
+        if sky.satellite is None and single:
+            raise InputError(f"sky: {self.ism.source} tells {single[0]} from others, and the sky names no satellites.")
+        names = letters if sky.satellite is None else np.asarray(sky.satellite).ravel().tolist()
+        ura_m = self.ism.values("sigma_ura_m", names, letters).reshape(sky.shape)
+        return np.asarray(self.model.sigma_m(sky)) ** 2 + ura_m**2
+
+    def describe(self) -> dict[str, Any]:
+        """What the other model says of itself, and the ISM."""
+        return {**self.model.describe(), "ism": self.ism.as_dict()}
