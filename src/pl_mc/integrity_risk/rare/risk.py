@@ -224,7 +224,7 @@ def estimate_risk(limit: Sampled, key: tuple[int, ...], *, target_cov: float, mo
     if np.isnan(found.probability):
         draws = min(_BOUNDING_DRAWS, most_evaluations - spent)
         events = len(_events(limit, counts, draws))
-        return _counted(events, draws, spent + draws, target_cov)
+        return _counted(events, draws, spent + draws, target_cov, searched=True)
     coarse, left = max(_SECOND_COV, target_cov), most_evaluations - spent
     check = subset_simulation(limit, second, target_cov=coarse, most_evaluations=left)
     return judge(found, check, evaluations=spent, target_cov=target_cov)
@@ -303,18 +303,20 @@ def _events(limit: Sampled, rng: np.random.Generator, draws: int) -> FloatArray:
     return np.concatenate(parts)
 
 
-def _counted(events: int, draws: int, evaluations: int, target_cov: float) -> RiskEstimate:
-    """The row of a count."""
+def _counted(events: int, draws: int, evaluations: int, target_cov: float, *, searched: bool = False) -> RiskEstimate:
+    """The row of a count; ``searched`` in vain by importance sampling, or not."""
     low, high = (float(bound) for bound in clopper_pearson(events, draws, CONFIDENCE))
     rate = events / draws
     error = float(np.sqrt(rate * (1.0 - rate) / draws))
     warning = ""
     if events == 0:
-        warning = (
-            f"nothing reached the event; {draws} plain draws without it bound it from above (importance sampling "
-            f"searches further with more evaluations, max_evaluations of {max(4 * evaluations, 4_000_000):,}, say)"
-        )
+        warning = f"nothing reached the event; {draws} plain draws without it bound it from above"
     elif error > target_cov * rate:
-        warning = f"coefficient of variation {error / rate:.2g} from {events} events in {draws} draws"
+        warning = f"coefficient of variation {error / rate:.2g} from {events} of {draws} draws"
+    if warning and searched:
+        warning += (
+            " (importance sampling searches further with more evaluations, max_evaluations of "
+            f"{max(4 * evaluations, 4_000_000):,}, say)"
+        )
     value = (rate, error) if events else (np.nan, np.nan)
     return RiskEstimate(*value, low, high, float(events), evaluations, COUNTING, warning=warning)
