@@ -21,9 +21,9 @@ from pl_mc.input_errors import InputError, nearest, require_numbers, shown
 if TYPE_CHECKING:
     import pandas as pd
 
-SYSTEM_NAMES = {"G": "GPS", "C": "BeiDou", "E": "Galileo", "R": "GLONASS"}
+SYSTEM_NAMES = {"G": "GPS", "C": "BeiDou", "E": "Galileo", "R": "GLONASS", "J": "QZSS"}
 # Satellites that the names of a system can number.
-MOST_SATELLITES = {"G": 32, "C": 63, "E": 36, "R": 27}
+MOST_SATELLITES = {"G": 32, "C": 63, "E": 36, "R": 27, "J": 10}
 
 EAST, NORTH, UP = 0, 1, 2
 POSITION_UNKNOWNS = 3
