@@ -93,10 +93,10 @@ def read_rinex(
     alone), 3 and 4 are read; the files may be of different ones. A line or a record that cannot be read, or says
     what no satellite sends, costs itself and a note.
 
-    Of the ephemerides of a satellite the one with the nearest reference time toe counts, within 2 h, of the message
-    that belongs to the signal: of Galileo I/NAV to E1, E5b and both, F/NAV to E5a and to E1 with E5a. Group delays are
-    those of the signal, or of the two; a signal whose delays the files do not have is not read. GPS time is BeiDou
-    time plus 14 s.
+    Of the ephemerides of a satellite the one with the nearest reference time toe counts, within 2 h; of Galileo, whose
+    toe is past when they are sent, the last one, within 4 h. They are of the message that belongs to the signal: of
+    Galileo I/NAV to E1, E5b and both, F/NAV to E5a and to E1 with E5a. Group delays are those of the signal, or of the
+    two; a signal whose delays the files do not have is not read. GPS time is BeiDou time plus 14 s.
 
     Args:
         observation_path: the observation file.
@@ -270,13 +270,14 @@ def _states(
 
 
 def _in_force(ephemerides: Sequence[Ephemeris], times_s: NDArray[np.float64]) -> list[Ephemeris | None]:
-    """At each time the ephemeris with the nearest reference time, where it is within the window."""
+    """At each time the ephemeris with the nearest reference time or the last one, where it is within the window."""
     if not ephemerides:
         return [None] * times_s.size
-    window_s = SYSTEMS[ephemerides[0].name[0]].ephemeris_window_s
+    system = SYSTEMS[ephemerides[0].name[0]]
     toe_s = np.array([one.toe_gps_s for one in ephemerides])
-    place = _nearest(toe_s, times_s)
-    inside = np.abs(toe_s[place] - times_s) <= window_s
+    # Before the first one of all that one counts.
+    place = _nearest(toe_s, times_s) if system.sent_ahead else (np.searchsorted(toe_s, times_s) - 1).clip(0)
+    inside = np.abs(toe_s[place] - times_s) <= system.ephemeris_window_s
     return [ephemerides[k] if near else None for k, near in zip(place.tolist(), inside.tolist(), strict=True)]
 
 

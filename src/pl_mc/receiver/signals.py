@@ -165,6 +165,7 @@ class System:
         highest_number: of its satellites.
         messages: navigation messages that are read, by their names in the library of receiver files.
         ephemeris_window_s: how far an epoch may lie from an ephemeris' reference time toe [s].
+        sent_ahead: whether a message is sent before its reference time; if not, the last one before an epoch counts.
         time_step_s: the last bit of toe and of toc, which are one time in one message [s].
         largest_accuracy_m: a larger accuracy (URA, SISA) is none that was predicted [m].
         largest_group_delay_s: what its messages can say [s].
@@ -175,6 +176,7 @@ class System:
     highest_number: int
     messages: Mapping[str, str]
     ephemeris_window_s: float
+    sent_ahead: bool
     time_step_s: float
     largest_accuracy_m: float
     largest_group_delay_s: float
@@ -253,26 +255,26 @@ SIGNALS: tuple[Signal, ...] = (
 USUAL_SYSTEMS = ("G", "C", "E")
 
 # Windows: GPS half the fit interval of four hours (IS-GPS-200, 20.3.4.4), QZSS alike; BeiDou sends hourly messages
-# (BDS-SIS-ICD-2.1, 5.2.4.2), of which receivers miss some; Galileo sends one every ten minutes or so, for
-# four hours (Galileo OS SDD), of which two count, as for the others. Steps: IS-GPS-200, tables 20-I and 20-III;
+# (BDS-SIS-ICD-2.1, 5.2.4.2), of which receivers miss some; those of Galileo are for four
+# hours after their reference time (Galileo OS SDD), which is past when they are sent. Steps: IS-GPS-200, tables 20-I and 20-III;
 # BDS-SIS-ICD-2.1, 5.2.4.9; Galileo OS SIS ICD 2.1, 5.1. Accuracy: index 14 of GPS ends at 6144 m (IS-GPS-200,
 # 20.3.3.3.1.3), that of BeiDou is 4096 m (BDS-SIS-ICD-2.1, 5.2.4.5), index 125 of Galileo 6 m (Galileo OS SIS ICD 2.1,
 # 5.1.12); what comes after promises nothing.
 # Group delays: eight bits of 2^-31 s in LNAV, 13 of 2^-35 s in CNAV, ten of 2^-32 s of Galileo and of 0.1 ns of BeiDou.
 SYSTEMS: Mapping[str, System] = {
     "G": System(
-        MOST_SATELLITES["G"], {"gps_lnav": LNAV, "gps_cnav": CNAV, "gps_cnav2": CNAV2}, 7200.0, 16.0, 6144.0, 1.2e-7,
-        0.0, 0,
+        MOST_SATELLITES["G"], {"gps_lnav": LNAV, "gps_cnav": CNAV, "gps_cnav2": CNAV2}, 7200.0, True, 16.0, 6144.0,
+        1.2e-7, 0.0, 0,
     ),
     "C": System(
-        MOST_SATELLITES["C"], {"beidou_d1": D1_D2, "beidou_d2": D1_D2}, 7200.0, 8.0, 4096.0, 6e-8, BDT_BEHIND_GPS_S,
-        1356,
+        MOST_SATELLITES["C"], {"beidou_d1": D1_D2, "beidou_d2": D1_D2}, 7200.0, True, 8.0, 4096.0, 6e-8,
+        BDT_BEHIND_GPS_S, 1356,
     ),
     "E": System(
-        MOST_SATELLITES["E"], {"galileo_inav": INAV, "galileo_fnav": FNAV}, 7200.0, 60.0, 6.0, 1.2e-7, 0.0, 0,
+        MOST_SATELLITES["E"], {"galileo_inav": INAV, "galileo_fnav": FNAV}, 14400.0, False, 60.0, 6.0, 1.2e-7, 0.0, 0,
     ),
     "J": System(
-        MOST_SATELLITES["J"], {"qzss_lnav": LNAV, "qzss_cnav": CNAV, "qzss_cnav2": CNAV2}, 7200.0, 16.0, 6144.0,
+        MOST_SATELLITES["J"], {"qzss_lnav": LNAV, "qzss_cnav": CNAV, "qzss_cnav2": CNAV2}, 7200.0, True, 16.0, 6144.0,
         1.2e-7, 0.0, 0,
     ),
 }  # fmt: skip
