@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import gzip
+import itertools
 import math
 from pathlib import Path
 from typing import Any
@@ -60,7 +61,7 @@ class Rtklib:
         option.tropopt, option.sateph = rtklib.TROPOPT_SAAS, rtklib.EPHOPT_BRDC
         starts = [0] + [k for k in range(1, self.read.n) if self._time_s(k) > self._time_s(k - 1)] + [self.read.n]
         found = {}
-        for start, stop in list(zip(starts, starts[1:], strict=False))[::every]:
+        for start, stop in list(itertools.pairwise(starts))[::every]:
             count = stop - start
             epoch = rtklib.Arr1Dobsd_t(count)
             for k in range(count):
@@ -85,7 +86,7 @@ class Rtklib:
             self.ephemeris_m2[time_s, _name(rtklib, epoch[k].sat)] = variances[k]
 
     def variance_m2(self, name: str, time_s: float, elevation_rad: float, ionosphere_m: float, *, dual: bool) -> float:
-        """What RTKLIB believes of an error: code noise, ephemeris, code bias, ionosphere, troposphere (its manual, E.6).
+        """What RTKLIB believes of an error: code noise, ephemeris, code bias, ionosphere, troposphere.
 
         Args:
             name: of a satellite of an epoch that `fixes` has solved.

@@ -6,7 +6,7 @@ from collections.abc import Sequence
 
 from pl_mc.geometry.record import SYSTEM_NAMES
 from pl_mc.input_errors import InputError, nearest, shown
-from pl_mc.receiver.signals import SYSTEMS, Observable, observables_of, signals_of
+from pl_mc.receiver.signals import SYSTEMS, Observable, Signal, in_one_band, observables_of, signals_of
 
 
 def checked_systems(systems: Sequence[str]) -> tuple[str, ...]:
@@ -59,6 +59,11 @@ def checked_signals(
             named = [" + ".join(SYSTEM_NAMES[letter] for letter in systems)] if len(systems) < len(SYSTEMS) else []
             known = dict.fromkeys(signal.short for letter in systems for signal in signals_of(letter))
             word = next((one for one in words if one not in known), words[0])
+            if len(words) == 2 and all(one in known for one in words):
+                raise InputError(
+                    f"signals: {shown(text)} cannot be combined; two signals of one system are needed, with carriers "
+                    "as far apart as those of L1 and L2."
+                )
             raise InputError(
                 f"signals: {shown(text)} is not read of {' '.join(named) or 'any system'} ({nearest(word, known)})."
             )
@@ -72,11 +77,13 @@ def checked_signals(
 
 def _named_signals(system: str, words: Sequence[str]) -> Observable | None:
     """Signals of a system by their names, in any case of letters; None where it has not got all of them."""
-    rows = {name.casefold(): signal for signal in signals_of(system) for name in (signal.short, signal.name)}
-    found = [rows.get(word.casefold()) for word in words]
-    if None in found or len({signal.carrier_hz for signal in found if signal}) < len(found):
-        return None
-    return Observable(tuple(signal for signal in found if signal))
+    rows: dict[str, Signal] = {}
+    for names in ([s.short for s in signals_of(system)], [s.name.split()[0] for s in signals_of(system)]):
+        for name, signal in zip(names, signals_of(system), strict=True):
+            rows.setdefault(name.casefold(), signal)
+    found = [rows[word.casefold()] for word in words if word.casefold() in rows]
+    same = len(found) == 2 and in_one_band(found[0].ionosphere_factor(found[1].carrier_hz))
+    return None if same or len(found) < len(words) else Observable(tuple(found))
 
 
 def delays_needed(every: Sequence[Observable]) -> str:

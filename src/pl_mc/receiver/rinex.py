@@ -20,7 +20,7 @@ from pl_mc.receiver.choices import checked_signals, checked_systems, delays_need
 from pl_mc.receiver.navigation_records import Ephemeris, Navigation, read_navigation
 from pl_mc.receiver.observation_records import Event, Observations, read_observations
 from pl_mc.receiver.rinex_text import read_rinex_text
-from pl_mc.receiver.signals import SYSTEMS, USUAL_SYSTEMS, Observable
+from pl_mc.receiver.signals import SYSTEMS, USUAL_SYSTEMS, Observable, signals_of
 
 # Where the ionosphere's delay is taken from: the coefficients of the navigation files, nowhere, or a second carrier.
 IONOSPHERES = ("broadcast", "none", "dual")
@@ -105,7 +105,7 @@ def read_rinex(
             the files have unless given.
         signals: a signal for some of the systems, such as L5 or E5a, or two, such as E1+E5b, by the rows of
             `pl_mc.receiver.signals`. L1 C/A, B1I and E1 unless given; of two the first pair that the files have of
-            L1 and L2 or L5, B1I and B3I or B2I, E1 and E5a or E5b.
+            L1 P(Y) or C/A and L2 P(Y), L2C or L5, B1I and B3I or B2I, E1 and E5a or E5b.
         ionosphere: ``broadcast``: the coefficients of GPS, or where no file has them those of BeiDou; ``none``:
             no coefficients, the delay stays in; ``dual``: pseudoranges of two carriers are combined so that it
             cancels, (f1^2 P1 - f2^2 P2) / (f1^2 - f2^2).
@@ -121,7 +121,9 @@ def read_rinex(
     file = read_rinex_text(observation_path, "observation")
     told = {letter: {message for one in asked[letter] for message in one.messages[:1]} for letter in letters}
     navigation = read_navigation(paths, letters, told)
-    able = {letter: tuple(one for one in asked[letter] if navigation.message_for(one)) for letter in letters}
+    able = {letter: [one for one in asked[letter] if navigation.message_for(one)] for letter in letters}
+    for every in able.values():
+        every.sort(key=lambda one: one.neglected_m(navigation.message_for(one)))
     observations = read_observations(file, {letter: able[letter] or asked[letter] for letter in letters})
     used, notes = _used_systems(observations, navigation, paths, asked, asked=systems is not None)
     columns = np.array([k for k, name in enumerate(observations.names) if name[0] in used])
@@ -229,10 +231,11 @@ def _used_systems(
     for letter in used:
         observable = observations.observables[letter]
         message = navigation.message_for(observable)
-        if observable.neglected_m(message) > 0:
+        left_m = observable.neglected_m(message)
+        if left_m > 0 and (len(observable.signals) > 1 or observable.signals[0] != signals_of(letter)[0]):
             notes.append(
-                f"{SYSTEM_NAMES[letter]} {observable.name} is corrected by {message} as if all of its signals had the "
-                f"delays of the precise ones; up to {observable.neglected_m(message):.1f} m a satellite stays in."
+                f"{SYSTEM_NAMES[letter]} {observable.name}: {message} does not send all of its group delays; up to "
+                f"{left_m:.1f} m a satellite stays in."
             )
     return tuple(used), notes
 

@@ -1,8 +1,8 @@
 """The signals that are read from receiver files, one row each; nothing else names a code, a carrier or a group delay.
 
 A row for a signal of a system in `SYSTEMS` works as it stands, alone and in every combination that removes the
-ionosphere. Alone, the first row of a system is read unless another one is asked for; of two carriers the first row
-with the next one that a file has.
+ionosphere. Alone, the first row of a system is read unless another one is asked for; of two carriers the first pair
+that a file has all of, those first whose group delays its messages send in full.
 """
 
 from __future__ import annotations
@@ -41,6 +41,11 @@ _ANY_BIT = -1
 _ONE_BAND = 0.05
 
 
+def in_one_band(ionosphere_factor: float) -> bool:
+    """Whether carriers are so close that their delays by the ionosphere, with that ratio, are nearly the same."""
+    return abs(ionosphere_factor - 1.0) < _ONE_BAND
+
+
 def _gamma(carrier_hz: float) -> float:
     """Group delay on a carrier over that on L1 where the satellite's is given as one of the ionosphere."""
     return (FREQUENCY_L1_HZ / carrier_hz) ** 2
@@ -52,7 +57,7 @@ class Signal:
 
     Attributes:
         system: RINEX letter.
-        name: of the signal, as its interface document says it; the first word of it is enough to ask for it.
+        name: of the signal, as its interface document says it.
         codes: its pseudorange codes in RINEX 3 and 4, the first of which a file has a value is taken. Those after
             the first are other tracking modes of the same carrier, or other names.
         carrier_hz: carrier frequency [Hz].
@@ -76,8 +81,8 @@ class Signal:
 
     @property
     def short(self) -> str:
-        """The first word of its name, such as ``L1``."""
-        return self.name.split()[0]
+        """What it is asked for by, such as ``L1``, ``L1P`` or ``E5a``."""
+        return self.name.replace(" C/A", "").replace(" P(Y)", "P")
 
     def ionosphere_factor(self, model_hz: float = FREQUENCY_L1_HZ) -> float:
         """Ionospheric delay over that on another carrier; of a code it is inverse to the carrier's square.
@@ -124,14 +129,14 @@ class Observable:
         if len(self.signals) > 1:
             return 0.0
         factor = self.signals[0].ionosphere_factor()
-        return 1.0 if abs(factor - 1.0) < _ONE_BAND else factor
+        return 1.0 if in_one_band(factor) else factor
 
     @property
     def messages(self) -> tuple[str, ...]:
-        """Messages whose clock its users can use, in the order of preference; those that neglect nothing first."""
+        """Messages whose clock its users can use, by preference; of pairs those first that neglect nothing."""
         first, *others = (signal.group_delays for signal in self.signals)
         common = [message for message in first if all(message in other for other in others)]
-        return tuple(sorted(common, key=lambda message: self.neglected_m(message) > 0))
+        return tuple(sorted(common, key=lambda message: bool(others) and self.neglected_m(message) > 0))
 
     def group_delays(self, message: str) -> dict[str, float]:
         """How much of each broadcast delay of a message is taken from its clock."""
@@ -186,8 +191,9 @@ class System:
 
 # GPS: the clock is that of L1 P(Y) and L2 P(Y) without ionosphere; less TGD it is that of L1 P(Y) alone, less gamma TGD
 # that of L2 P(Y), and less TGD plus its ISC that of any other signal (IS-GPS-200, 20.3.3.3.3.2 and 30.3.3.3.1.1;
-# IS-GPS-705, 20.3.3.3.1.2; IS-GPS-800, 3.2.4). LNAV has no ISC; its user takes L1 C/A for L1 P(Y). Of L2C against
-# L2 P(Y) the delays of satellites differ by up to 0.6 m in the data that the tests read, and in published ones.
+# IS-GPS-705, 20.3.3.3.1.2; IS-GPS-800, 3.2.4). LNAV has no ISC; its user takes L1 C/A for L1 P(Y). In the
+# data that the tests read, satellites differ by up to 0.8 m in L1 C/A against L1 P(Y), and by 0.6 m in L2C against
+# L2 P(Y), as in published biases; alone, L1 C/A is what LNAV is for.
 # Health: any bit of LNAV (20.3.3.3.1.4); L1, L2, L5 in CNAV (30.3.3.1.1.2); L1C in CNAV-2 (3.5.3.4).
 # Galileo: the clock of I/NAV is that of E1 and E5b, of F/NAV that of E1 and E5a, without ionosphere; less BGD that of
 # E1, less (f1/f5)^2 BGD that of the other (Galileo OS SIS ICD 2.1, 5.1.5). Health: data validity and signal health of
@@ -201,6 +207,11 @@ SIGNALS: tuple[Signal, ...] = (
     Signal(
         "G", "L1 C/A", ("C1C", "C1P", "C1W", "C1Y", "C1X", "C1S", "C1L"), FREQUENCY_L1_HZ,
         {LNAV: {"TGD": 1.0}, CNAV: {"TGD": 1.0, "ISC L1C/A": -1.0}}, {LNAV: _ANY_BIT, CNAV: 0b100}, ("C1", "P1"),
+        neglected_m={LNAV: 0.8},
+    ),
+    Signal(
+        "G", "L1 P(Y)", ("C1W", "C1P", "C1Y"), FREQUENCY_L1_HZ, {LNAV: {"TGD": 1.0}, CNAV: {"TGD": 1.0}},
+        {LNAV: _ANY_BIT, CNAV: 0b100}, ("P1",),
     ),
     Signal(
         "G", "L2 P(Y)", ("C2W", "C2P", "C2Y", "C2D"), _L2_HZ,
@@ -255,11 +266,11 @@ SIGNALS: tuple[Signal, ...] = (
 USUAL_SYSTEMS = ("G", "C", "E")
 
 # Windows: GPS half the fit interval of four hours (IS-GPS-200, 20.3.4.4), QZSS alike; BeiDou sends hourly messages
-# (BDS-SIS-ICD-2.1, 5.2.4.2), of which receivers miss some; those of Galileo are for four
-# hours after their reference time (Galileo OS SDD), which is past when they are sent. Steps: IS-GPS-200, tables 20-I and 20-III;
-# BDS-SIS-ICD-2.1, 5.2.4.9; Galileo OS SIS ICD 2.1, 5.1. Accuracy: index 14 of GPS ends at 6144 m (IS-GPS-200,
-# 20.3.3.3.1.3), that of BeiDou is 4096 m (BDS-SIS-ICD-2.1, 5.2.4.5), index 125 of Galileo 6 m (Galileo OS SIS ICD 2.1,
-# 5.1.12); what comes after promises nothing.
+# (BDS-SIS-ICD-2.1, 5.2.4.2), of which receivers miss some; those of Galileo are for four hours after their reference
+# time (Galileo OS SDD), which is past when they are sent. Steps: IS-GPS-200, tables 20-I and 20-III; BDS-SIS-ICD-2.1,
+# 5.2.4.9; Galileo OS SIS ICD 2.1, 5.1. Accuracy: index 14 of GPS ends at 6144 m (IS-GPS-200, 20.3.3.3.1.3), that of
+# BeiDou is 4096 m (BDS-SIS-ICD-2.1, 5.2.4.5), index 125 of Galileo 6 m (Galileo OS SIS ICD 2.1, 5.1.12); what comes
+# after promises nothing.
 # Group delays: eight bits of 2^-31 s in LNAV, 13 of 2^-35 s in CNAV, ten of 2^-32 s of Galileo and of 0.1 ns of BeiDou.
 SYSTEMS: Mapping[str, System] = {
     "G": System(
@@ -290,9 +301,13 @@ def observables_of(system: str, *, dual: bool) -> tuple[Observable, ...]:
 
     Args:
         system: RINEX letter.
-        dual: pairs, of the first row and each later one on another carrier.
+        dual: pairs, of the band of the first row and of another one.
     """
-    first, *others = signals_of(system)
+    rows = signals_of(system)
     if not dual:
-        return (Observable((first,)),)
-    return tuple(Observable((first, other)) for other in others if other.carrier_hz != first.carrier_hz)
+        return (Observable(rows[:1]),)
+    near = [in_one_band(one.ionosphere_factor(rows[0].carrier_hz)) for one in rows]
+    # Of one band the later row first: P(Y), of which the clock of GPS is, before C/A.
+    firsts = [one for one, is_near in zip(rows, near, strict=True) if is_near][::-1]
+    others = [one for one, is_near in zip(rows, near, strict=True) if not is_near]
+    return tuple(Observable((first, other)) for other in others for first in firsts)
