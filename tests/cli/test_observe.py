@@ -91,7 +91,7 @@ def test_the_car_data_run(tmp_path: Path, data_folder: Path) -> None:
         (["--systems", "G,E"], "E"),
         (["--systems", "Q"], "Q"),
         (["--systems", "GC"], "the form is G,C on the command line"),
-        (["--ionosphere", "klobuchar"], "'broadcast' or 'none'"),
+        (["--ionosphere", "klobuchar"], "'broadcast', 'none' or 'dual'"),
         (["--method", "ls2"], "nearest: ls"),
     ],
 )

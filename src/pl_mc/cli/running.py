@@ -116,6 +116,7 @@ def observe(
     *,
     truth: Annotated[str, Parameter(allow_leading_hyphen=True)],
     systems: str | None = None,
+    signals: str | None = None,
     fault: Annotated[tuple[str, ...], Several] = (),
     mask_deg: Annotated[float, Parameter(allow_leading_hyphen=True)] = 10.0,
     error_model: str = "residual",
@@ -137,7 +138,11 @@ def observe(
     truth
         The true position: `X,Y,Z` Earth-fixed [m], or a CSV file with a track.
     systems
-        Systems to use, RINEX letters: `G,C`, `G` or `C`; those that the files have unless given.
+        Systems to use, RINEX letters: G (GPS), E (Galileo), C (BeiDou), J (QZSS), such as `G,E`; those of the first
+        three that the files have unless given.
+    signals
+        Other signals than L1 C/A, E1 and B1I, such as `L5,E5a`; with `--ionosphere dual` other pairs than the first
+        that the files have, such as `E1+E5b,B1I+B2I`.
     fault
         A fault to inject, `G02:+30m:545-645`: satellite, bias, first and last epoch counted from 0; repeatable, all
         together. See docs/how-to/faults.md.
@@ -146,7 +151,8 @@ def observe(
     error_model
         Standard deviations: residual, none or uire; `user` needs an experiment file.
     ionosphere
-        `broadcast`: corrected with the coefficients of the navigation files; `none`: its delay is left in.
+        `broadcast`: corrected with the coefficients of the navigation files; `none`: its delay is left in;
+        `dual`: pseudoranges of two carriers are combined so that it cancels, with their noise.
     method
         A method; repeatable.
     out
@@ -163,7 +169,8 @@ def observe(
         "observations": observations,
         "navigation": navigation[0] if len(navigation) == 1 else navigation,
         "truth": truth,
-        "systems": None if systems is None else tuple(letter.strip() for letter in systems.split(",")),
+        "systems": _words(systems),
+        "signals": _words(signals),
         "mask_deg": mask_deg,
         "error_model": error_model,
         "ionosphere": ionosphere,
@@ -220,6 +227,10 @@ def bench(
         seconds=seconds, precisions=precision, devices=devices, limit=limit, out=out, progress=progress
     )
     print(dumps(record.as_dict(), indent=2, ensure_ascii=False) if json else text)
+
+
+def _words(text: str | None) -> tuple[str, ...] | None:
+    return None if text is None else tuple(word.strip() for word in text.split(","))
 
 
 def _share(text: str) -> tuple[int, int]:

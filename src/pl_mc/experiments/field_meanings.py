@@ -45,8 +45,9 @@ SHARED: dict[str, str] = {
     "observations": "RINEX 2 (GPS alone), 3 or 4 observation file, plain, Hatanaka-compressed, .gz, .zip, .Z, .bz2",
     "navigation": "RINEX 2, 3 or 4 navigation file with broadcast ephemerides of that day, or a list of them",
     "truth": "the true position, Earth-fixed X,Y,Z in metres, or a CSV file with a track",
-    "systems": "systems to use, RINEX letters: G (GPS), C (BeiDou); those that the files have unless given",
-    "ionosphere": "broadcast (coefficients of the navigation files) or none (its delay is left in)",
+    "systems": "systems to use: G (GPS), C (BeiDou), E (Galileo), J (QZSS); those of the first three unless given",
+    "signals": "other signals than L1 C/A, B1I and E1, such as L5; pairs such as E1+E5b where two are combined",
+    "ionosphere": "broadcast (coefficients of the navigation files), none (its delay is left in), dual (two carriers)",
     "satellite": "name of the biased satellite",
     "otherwise": "what stands in for a satellite that is out of view: the one of its system with the median "
     "redundancy number",

@@ -114,14 +114,16 @@ class ReceiverFiles(Strict):
     """A receiver's RINEX files and where it truly was; fields of `pl_mc.receiver.read_receiver_series`.
 
     ``navigation`` is one file or several; ``truth`` is ``X,Y,Z`` Earth-fixed [m] or the name of a track; ``systems``
-    are those that the files have unless given.
+    are those of GPS, BeiDou and Galileo that the files have unless given; ``signals`` are names such as ``L5``, or with
+    the ionosphere ``dual`` pairs such as ``E1+E5b``.
     """
 
     observations: Path
     navigation: Path | tuple[Path, ...]
     truth: str
     systems: tuple[str, ...] | None = None
-    ionosphere: Literal["broadcast", "none"] = "broadcast"
+    signals: tuple[str, ...] | None = None
+    ionosphere: Literal["broadcast", "none", "dual"] = "broadcast"
     mask_deg: float = Field(default=10.0, ge=0, lt=90)
     error_model: str = "residual"
     error_options: dict[str, Any] = Field(default_factory=dict)

@@ -59,7 +59,8 @@ def run(experiment: ObserveExperiment, execution: Execution) -> Findings:
     """Every epoch by every method, and the errors over the epochs."""
     series = read_receiver_series(
         experiment.observations, experiment.navigation, read_truth(experiment.truth), systems=experiment.systems,
-        mask_deg=experiment.mask_deg, error_model=experiment.model(), ionosphere=experiment.ionosphere,
+        signals=experiment.signals, mask_deg=experiment.mask_deg, error_model=experiment.model(),
+        ionosphere=experiment.ionosphere,
     )  # fmt: skip
     g = series.geometry
     _require_solution(experiment, g, series.notes)
@@ -70,7 +71,7 @@ def run(experiment: ObserveExperiment, execution: Execution) -> Findings:
     table["faulted"] = table.epoch.map(pd.Series(faulted, index=g.epoch))
     table.insert(1, "time", gps_dates(table.pop("time_gps_s")))
     return Findings(
-        summary=summary(experiment, table, injected, g.clocks),
+        summary=summary(experiment, table, injected, series.signals),
         tables=(Table("epochs", table, stored="both"),),
         pictures=(error_figure(table, alert=alert, title=experiment.title),),
         notes=(*series.notes, *notes),
@@ -103,7 +104,7 @@ def _require_solution(experiment: ObserveExperiment, g: Geometry, notes: Sequenc
     )
 
 
-def summary(experiment: ObserveExperiment, table: pd.DataFrame, faults: Faults, systems: Sequence[str]) -> Summary:
+def summary(experiment: ObserveExperiment, table: pd.DataFrame, faults: Faults, signals: Sequence[str]) -> Summary:
     """The blocks of the summary; ``table`` is that of the epochs."""
     alert, first = experiment.alert_limits(), table.drop_duplicates("epoch")
     count = first.satellites
@@ -114,8 +115,8 @@ def summary(experiment: ObserveExperiment, table: pd.DataFrame, faults: Faults, 
             accuracy.append([method, direction, *map(metres, (*lengths, most))])
     injected = f" Injected: {'; '.join(faults.labels[1:])}." if len(faults) > 1 else ""
     return (
-        f"{len(first)} epochs from {first.time.iloc[0]} to {first.time.iloc[-1]} (GPS time), systems "
-        f"{', '.join(systems)}, mask {experiment.mask_deg:g} deg, error model "
+        f"{len(first)} epochs from {first.time.iloc[0]} to {first.time.iloc[-1]} (GPS time), "
+        f"{', '.join(signals)}, ionosphere {experiment.ionosphere}, mask {experiment.mask_deg:g} deg, error model "
         f"{experiment.error_model}, {count.min()}-{count.max()} satellites (mean {count.mean():.1f}). Alert "
         f"limit: {alert.name}, VAL {metres(alert.val_m)} m.{injected}",
         "Position errors over all available epochs [m]:",
