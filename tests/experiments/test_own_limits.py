@@ -149,6 +149,6 @@ def test_the_axis_of_an_experiment() -> None:
 def test_what_decides_vertically_alone_refuses_the_rest() -> None:
     g = pl_mc.simulate(epochs=1)[0]
     with pytest.raises(InputError, match="alert: NPA has no vertical limit, which decides here"):
-        pl_mc.worst_case(g, alert="NPA")
+        pl_mc.exposure(g, pl_mc.no_fault(g), tau_s=[30.0], draws=3, seed=1, alert="NPA")
     with pytest.raises(InputError, match=r"alert\.horizontal_m: 10 m would decide nothing here"):
-        pl_mc.calibrate(g, alert=pl_mc.AlertLimits("rail", vertical_m=15.0, horizontal_m=10.0))
+        pl_mc.tune(g, alert=pl_mc.AlertLimits("rail", vertical_m=15.0, horizontal_m=10.0))

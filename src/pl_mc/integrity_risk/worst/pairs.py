@@ -89,7 +89,7 @@ class Screen:
         """Of faults (f, n) [m] the logarithm of the probability (f,) from a population of subset simulation."""
         found = np.empty(len(bias_m))
         for k, bias in enumerate(bias_m):
-            turned = rotation(self.limit.design, self.limit.sigma_m, self.limit.in_view, bias)
+            turned = rotation(self.limit.design, self.limit.sigma_m, self.limit.in_view, bias, self.limit.axis)
             limit = replace(self.limit, bias_m=bias, coordinates=turned)
             rng = np.random.default_rng(self.seed)
             run = climb(limit, rng, size=_POINTS, moves=_MOVES, most_evaluations=_MOST)
