@@ -193,3 +193,59 @@ def test_what_cannot_be(sky: pl_mc.Geometry) -> None:
     with pytest.raises(pl_mc.InputError, match="axis: 3 is unknown"):
         pl_mc.calibrate(sky, axis=3)  # type: ignore[arg-type]
     assert Ls().k_horizontal == 6.18
+
+
+def exact_at(g: pl_mc.Geometry, fault: str, event: str, alert: AlertLimits) -> float:
+    return float(ls_rates(g, biases(g, fault), alert=alert, axis="horizontal")[f"{event}_rate"].iloc[0])
+
+
+def test_the_worst_satellites_horizontally(sky: pl_mc.Geometry) -> None:
+    """Estimates are the exact probabilities of the fault that was found, and no size of the satellite is worse."""
+    names = ["G12", "C01"]
+    table = pl_mc.worst_case(sky, satellites=names, event="misleading", alert=BEFORE, refine=2, seed=2)
+    assert table.axis.tolist() == [HORIZONTAL] * 2
+    assert sorted(table.satellites) == sorted(names)
+    assert table.probability.is_monotonic_decreasing
+    for row in table.itertuples():
+        exact = exact_at(sky, row.fault, "misleading", BEFORE)
+        assert abs(np.log(row.probability / exact)) < 4.0 * row.standard_error / row.probability
+        sizes = np.linspace(0.5, 20.0, 14)
+        faults = pl_mc.ramps(sky, satellites=[row.satellites], start_m=0.5, stop_m=20.0, step_m=1.5)
+        rates = ls_rates(sky, faults, alert=BEFORE, axis="horizontal")
+        assert len(rates) == len(sizes)
+        assert exact > 0.9 * rates.misleading_rate.max()
+
+
+def test_the_worst_pairs_horizontally(sky: pl_mc.Geometry) -> None:
+    pairs = [("G12", "G22"), ("C01", "C04")]
+    table = pl_mc.worst_case(sky, satellites=pairs, event="missed", alert=BEFORE, refine=1, seed=2)
+    row = table[table.refined].iloc[0]
+    exact = exact_at(sky, row.fault, "missed", BEFORE)
+    assert abs(np.log(row.probability / exact)) < 4.0 * row.standard_error / row.probability + 0.05
+
+
+def test_a_budget_horizontally() -> None:
+    """Eight satellites; every mode is between nothing and its prior, and the fault-free one is exact."""
+    g, alert = appendix_d(), AlertLimits("near", horizontal_m=30.0)
+    table = pl_mc.risk_budget(
+        g, method="ls", event="misleading", alert=alert, bias=[10.0, 20.0], pairs=1, p_const=0.0, draws=8,
+        max_evaluations=1_000_000, seed=3,
+    )  # fmt: skip
+    assert table.attrs["axis"] == HORIZONTAL
+    free = table[table["mode"] == "fault_free"].iloc[0]
+    rate = float(ls_rates(g, no_fault(g), alert=alert, axis="horizontal").misleading_rate.iloc[0])
+    assert free.low < rate < free.high
+    single = table[table["mode"] == "satellite"].iloc[0]
+    name = single.failed
+    faults = biases(g, {name: 10.0}) + biases(g, {name: 20.0})
+    rates = ls_rates(g, faults, alert=alert, axis="horizontal").misleading_rate
+    assert single.low <= rates.mean() <= single.high
+    assert table.iloc[-1].risk_per_sample > 0
+
+
+def test_worst_cases_that_cannot_be(sky: pl_mc.Geometry) -> None:
+    with pytest.raises(pl_mc.InputError, match="alarm: 'chi2' is for exact worst cases, which are vertical; take 'pl'"):
+        pl_mc.worst_case(sky, alert="NPA", alarm="chi2")
+    for function in (pl_mc.worst_case, pl_mc.risk_budget):
+        with pytest.raises(pl_mc.InputError, match="axis: either needs a vertical limit, and NPA has HAL 556 m alone"):
+            function(sky, alert="NPA", axis="either")

@@ -136,10 +136,6 @@ class LeastSquaresLaw:
     k_vertical: float = K_VERTICAL
     k_horizontal: float = K_HORIZONTAL
 
-    def k(self, axis: str) -> float:
-        """The multiplier of the level of an axis."""
-        return self.k_vertical if axis == VERTICAL else self.k_horizontal
-
     def rates(
         self, g: Geometry, faults: Faults, alert: AlertLimits, axis: Literal["vertical", "horizontal"] = "vertical"
     ) -> pd.DataFrame:
