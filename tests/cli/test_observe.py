@@ -11,7 +11,7 @@ import pandas as pd
 import pytest
 from matplotlib.figure import Figure
 
-from pl_mc.alert import LPV_200
+from pl_mc.alert import LPV_200, Judged
 from pl_mc.cli.main import main
 from pl_mc.experiments.checking import check_experiment
 from pl_mc.experiments.loading import build_experiment
@@ -187,7 +187,7 @@ def drawn(count: int, step_s: float, largest_m: float) -> Figure:
         **{column: np.sin(epochs) for column in ("east_m", "north_m", "up_m")},
     })  # fmt: skip
     table.loc[2, "vpl_m"] = largest_m
-    return error_figure.__wrapped__(table, alert=LPV_200, title="A title of some length about a station")
+    return error_figure.__wrapped__(table, judged=Judged(LPV_200), title="A title of some length about a station")
 
 
 @pytest.mark.parametrize(

@@ -7,7 +7,7 @@ from typing import Annotated, Any
 
 from cyclopts import Parameter
 
-from pl_mc.cli.printing import Count, Draws, Flag, Json, Output, Progress, Seed, Several, Which, overrides
+from pl_mc.cli.printing import Count, Draws, Flag, Json, Limit, Output, Progress, Seed, Several, Which, overrides
 from pl_mc.input_errors import InputError, shown
 
 _DEFAULT = Output()
@@ -20,7 +20,9 @@ def run(
     out: Path | None = None,
     draws: Draws = None,
     seed: Seed = None,
-    val: Annotated[float | None, Parameter(allow_leading_hyphen=True)] = None,
+    val: Limit = None,
+    hal: Limit = None,
+    axes: Annotated[tuple[str, ...], Several] = (),
     fault: Annotated[tuple[str, ...], Several] = (),
     resume: Flag = False,
     fresh: Flag = False,
@@ -53,8 +55,10 @@ def run(
     ----------
     out
         Results folder; `runs/EXPERIMENT` unless given. An earlier result there is replaced.
-    val
-        Vertical alert limit [m], instead of the experiment's limits.
+    val, hal
+        Vertical and horizontal alert limit [m], one or both, instead of the experiment's limits.
+    axes
+        Which limits decide, instead of the experiment's: vertical, horizontal or either; repeatable.
     fault
         A fault instead of the experiment's, `G01:+30m`; repeatable, for several. See docs/how-to/faults.md.
     resume
@@ -74,12 +78,12 @@ def run(
     from pl_mc.engine import Execution
     from pl_mc.experiments.loading import load_experiment
     from pl_mc.experiments.running import run_experiment, run_shard
-    from pl_mc.studies.registry import study_of
     from pl_mc.studies.spec import kind_of
 
-    name, record = load_experiment(experiment, overrides(draws, seed, val), faults=fault)
-    if val is not None and not study_of(record).judged:
-        raise InputError(f"--val: an experiment of the kind {kind_of(record)} judges by no alert limit.")
+    name, record = load_experiment(experiment, overrides(draws, seed, val, hal, axes), faults=fault)
+    given = next((option for option, limit in (("--val", val), ("--hal", hal)) if limit is not None), None)
+    if given and not record.judged_axes():
+        raise InputError(f"{given}: an experiment of the kind {kind_of(record)} judges by no alert limit.")
     share = None if shard is None else _share(shard)
     execution = Execution(
         workers=workers, devices=devices, scheduler=scheduler, resume=resume, shard=share,
@@ -122,6 +126,9 @@ def observe(
     error_model: str = "residual",
     ionosphere: str = "broadcast",
     method: Annotated[tuple[str, ...], Several] = ("ls", "igg3"),
+    val: Limit = None,
+    hal: Limit = None,
+    axes: str | None = None,
     out: Path | None = None,
     output: Output = _DEFAULT,
 ) -> None:
@@ -155,6 +162,10 @@ def observe(
         `dual`: pseudoranges of two carriers are combined so that it cancels, with their noise.
     method
         A method; repeatable.
+    val, hal
+        Vertical and horizontal alert limit [m], one or both; those of LPV-200 unless given.
+    axes
+        Which limit decides: vertical, horizontal or either; the vertical one, where it is given, unless told.
     out
         Results folder; `runs/observe-NAME` unless given. An earlier result there is replaced.
     """
@@ -176,6 +187,7 @@ def observe(
         "ionosphere": ionosphere,
         "faults": fault,
         "methods": [{"name": name} for name in method],
+        **overrides(None, None, val, hal, () if axes is None else (axes,)),
     }
     record = build_experiment(content, source="observe")
     output.show(run_experiment(f"observe-{station}", record, out, execution=Execution(progress=output.bar)))

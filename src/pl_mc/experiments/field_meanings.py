@@ -23,7 +23,7 @@ SHARED: dict[str, str] = {
     "tests": "tests to compare, each a table with a name and options of its own",
     "name": "its name",
     "alert": "alert limits by operation: APV-I (vertical 50 m), LPV-200 (35 m), APV-II (20 m), CAT-I, CAT-II "
-    "or CAT-IIIB; or {name = 'mine', vertical_m = 25}",
+    "or CAT-IIIB; or {name = 'mine', vertical_m = 25, horizontal_m = 10}, or one of the two",
     "vertical_m": "vertical alert limit",
     "horizontal_m": "horizontal alert limit",
     "seed": "chooses the noise; the same seed gives the same counts",

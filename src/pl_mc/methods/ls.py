@@ -27,7 +27,7 @@ class Ls(Estimator):
 
     @property
     def exact_law(self) -> LeastSquaresLaw:
-        return LeastSquaresLaw(self.k_vertical)
+        return LeastSquaresLaw(self.k_vertical, self.k_horizontal)
 
     def _estimate(self, model: LinearModel, start: LeastSquaresSolution) -> Estimate:
         return least_squares(model, start)

@@ -9,7 +9,7 @@ import re
 import typing
 from collections.abc import Collection, Mapping
 from pathlib import Path
-from typing import Annotated, Any, Literal
+from typing import Annotated, Any, ClassVar, Literal
 
 import numpy as np
 from numpy.typing import NDArray
@@ -27,7 +27,7 @@ from pydantic import (
 )
 from pydantic_core import PydanticCustomError
 
-from pl_mc.alert import AlertLimits, as_alert
+from pl_mc.alert import AXES, OPERATIONS, VERTICAL, AlertLimits, Judged, as_alert, as_axes, as_limits
 from pl_mc.engine.checks import LARGEST_DRAWS, LARGEST_SEED
 from pl_mc.error_models import ErrorModel, error_model
 from pl_mc.faults import Faults, biases, no_fault, ramps, require_text
@@ -229,6 +229,18 @@ class Experiment(Strict):
         """The alert limits, of which the vertical one decides; an `InputError` where there is none."""
         return as_alert(self.given_limits())
 
+    def judged_axes(self) -> tuple[str, ...]:
+        """The axes by whose limits the experiment judges; none for kinds that judge by no limit."""
+        return (VERTICAL,)
+
+    def asked_axes(self) -> tuple[str, ...] | None:
+        """The axes that the file names, unless it names none."""
+        return None
+
+    def judged(self) -> tuple[Judged, ...]:
+        """The axes with their limits."""
+        return tuple(Judged(self.alert_limits(), axis) for axis in self.judged_axes())
+
     def given_limits(self) -> str | AlertLimits:
         """The limits as they are written, by name or as a record."""
         return self.alert if isinstance(self.alert, str) else self.alert.build()
@@ -236,6 +248,45 @@ class Experiment(Strict):
     def input_files(self) -> Mapping[str, Path]:
         """Files that the experiment reads, by field; their hashes go into the manifest."""
         return satellite_files(getattr(self, "geometry", None), "geometry")
+
+
+class ByAxes(Experiment):
+    """What a file says of a kind that judges by any axis.
+
+    Attributes:
+        axes: which of the limits decide: vertical, horizontal or either of them, one or several of these; the vertical
+            one unless given, the horizontal one where there is no other.
+    """
+
+    most_axes: ClassVar[int] = len(AXES)
+
+    axes: tuple[str, ...] | None = None
+
+    @field_validator("axes", mode="before")
+    @classmethod
+    def _of_the_limits(cls, given: Any, info: ValidationInfo) -> Any:
+        named, alert = (given,) if isinstance(given, str) else given, info.data.get("alert")
+        # Limits that are wrong themselves say so.
+        if named is not None and (isinstance(alert, GivenLimits) or alert in OPERATIONS):
+            try:
+                axes = as_axes(named, as_limits(alert if isinstance(alert, str) else alert.build()))
+            except InputError as error:
+                raise PydanticCustomError("axes", "{rule}", {"rule": str(error).removeprefix("axes: ")}) from None
+            if len(axes) > cls.most_axes:
+                raise PydanticCustomError("axes", "this kind of experiment judges by one axis at a time")
+        return named
+
+    def alert_limits(self) -> AlertLimits:
+        """The alert limits; one of the two is enough."""
+        return as_limits(self.given_limits())
+
+    def judged_axes(self) -> tuple[str, ...]:
+        """The axes asked for, else the vertical one where it has a limit."""
+        return as_axes(self.axes, self.alert_limits())
+
+    def asked_axes(self) -> tuple[str, ...] | None:
+        """The field."""
+        return self.axes
 
 
 def kind_of(experiment: Experiment) -> str:
