@@ -26,3 +26,6 @@ K_HORIZONTAL = 6.18
 
 # Satellites that the names of a system can number, by RINEX letter (G07).
 MOST_SATELLITES = {"G": 32, "C": 63, "E": 36, "R": 27, "J": 10}
+
+# Places of the components of a position error, and of the first columns of a design matrix.
+EAST, NORTH, UP = 0, 1, 2

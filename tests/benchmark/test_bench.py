@@ -25,9 +25,9 @@ from pl_mc.benchmark.measure import Contestant, Rate, Ratio, measure
 from pl_mc.benchmark.problem import METHODS, ROBUST, reference_errors_m, reference_faults, reference_geometry
 from pl_mc.benchmark.run import LIMIT, NUMPY, SWEEP, Sizes, _busy_share, _notes
 from pl_mc.benchmark.scaling import scaling_figure
-from pl_mc.engine.events import EVENTS
-from pl_mc.engine.noise import LANES, epoch_key, unit_noise
 from pl_mc.engine.plan import SCENARIOS_PER_CALL
+from pl_mc.kernels.events import EVENTS
+from pl_mc.kernels.noise import LANES, epoch_key, unit_noise
 from reference import igg3_numpy
 from reference.problems import random_geometry
 

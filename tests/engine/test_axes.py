@@ -11,7 +11,7 @@ import pytest
 import pl_mc
 from pl_mc.alert import AXES, EITHER, HORIZONTAL, OPERATIONS, VERTICAL, as_axes, unjudged_note
 from pl_mc.engine import EVENTS
-from pl_mc.engine.noise import LANES
+from pl_mc.kernels.noise import LANES
 from pl_mc.statistics import binomial_p_value, ls_rates
 from reference import small_sweep as small
 

@@ -13,10 +13,10 @@ import numpy as np
 import pytest
 
 from pl_mc.alert import LPV_200
-from pl_mc.engine.core import count_events
-from pl_mc.engine.events import limits_of
-from pl_mc.engine.noise import LANES
+from pl_mc.engine.core import count_epochs
 from pl_mc.input_errors import InputError
+from pl_mc.kernels.events import limits_of
+from pl_mc.kernels.noise import LANES
 from pl_mc.methods import as_methods
 from pl_mc.runtime.precision import dtype_of
 from reference import small_sweep as small
@@ -32,7 +32,7 @@ import sys, tempfile
 from pathlib import Path
 sys.path.insert(0, {tests!r})
 import jax
-from pl_mc.engine.noise import LANES
+from pl_mc.kernels.noise import LANES
 from pl_mc.input_errors import InputError
 from reference import small_sweep as small
 
@@ -98,7 +98,7 @@ def test_blocks_together_count_as_one_after_the_other():
 
     @partial(jax.jit, static_argnames=("blocks", "together"))
     def count(first_block, stop, *, blocks: int, together: int) -> jax.Array:
-        return count_events(
+        return count_epochs(
             batch, np.uint32(small.SEED), first_block, stop // LANES, stop % LANES,
             limits_of(LPV_200, np.float64), as_methods(("ls",)), axes=("vertical",), blocks=blocks,
             together=together,

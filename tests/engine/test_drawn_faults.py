@@ -12,10 +12,10 @@ from scipy import stats
 
 import pl_mc
 from pl_mc.engine.drawn_biases import bias_numbers
-from pl_mc.engine.noise import epoch_key, unit_inputs
 from pl_mc.engine.stanford import Grid, stanford_counts
 from pl_mc.engine.swamping import watch_weights
 from pl_mc.engine.table import COUNT_COLUMNS
+from pl_mc.kernels.noise import epoch_key, unit_inputs
 from pl_mc.methods import as_methods
 from pl_mc.runtime.precision import precision_scope
 

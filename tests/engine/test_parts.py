@@ -16,10 +16,10 @@ from hypothesis import strategies as st
 import pl_mc
 from pl_mc.engine import part_task as identity
 from pl_mc.engine.checkpoint_store import BadPart, CheckpointStore, is_whole, read_rows
-from pl_mc.engine.noise import LANES
 from pl_mc.engine.table import FaultTotals, fault_table
 from pl_mc.engine.task import SweepTask
 from pl_mc.input_errors import InputError
+from pl_mc.kernels.noise import LANES
 from reference import small_sweep as small
 from reference.damage import FORGED_ROWS, FORGED_WORDS, forged
 from reference.small_sweep import COUNTS, assert_same, cut

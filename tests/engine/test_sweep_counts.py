@@ -13,7 +13,7 @@ import pytest
 import pl_mc
 from pl_mc import AlertLimits
 from pl_mc.engine import EVENTS
-from pl_mc.engine.noise import LANES, epoch_key, unit_noise
+from pl_mc.kernels.noise import LANES, epoch_key, unit_noise
 from pl_mc.methods import Igg3, Ls
 from pl_mc.statistics import binomial_p_value
 from reference import igg3_numpy as reference

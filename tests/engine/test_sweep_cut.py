@@ -16,8 +16,8 @@ from hypothesis import strategies as st
 
 import pl_mc
 from pl_mc.engine import EVENTS, plan
-from pl_mc.engine.noise import LANES
 from pl_mc.kernels import least_squares, protection_levels
+from pl_mc.kernels.noise import LANES
 from pl_mc.methods import Ls
 from pl_mc.methods.base import outcome_of
 from pl_mc.statistics import binomial_p_value

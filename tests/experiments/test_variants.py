@@ -12,11 +12,11 @@ import pytest
 from scipy import stats
 
 import pl_mc
-from pl_mc.engine.noise import LANES, epoch_key, unit_noise
 from pl_mc.experiments.loading import build_experiment, load_experiment
 from pl_mc.experiments.running import run_experiment
 from pl_mc.input_errors import InputError
 from pl_mc.kernels import linear_model, start_from
+from pl_mc.kernels.noise import LANES, epoch_key, unit_noise
 from pl_mc.methods import GatedIgg3, Igg3, method
 from pl_mc.report.document import read_document
 from pl_mc.statistics import binomial_p_value

@@ -11,9 +11,9 @@ from scipy import optimize
 
 import pl_mc
 from pl_mc.alert import AXES, EITHER, HORIZONTAL, VERTICAL, AlertLimits
-from pl_mc.engine.events import EVENTS, events, limits_of
 from pl_mc.faults import biases, no_fault
 from pl_mc.integrity_risk.rare.limit_state import RISK_EVENTS, limit_state, rotation
+from pl_mc.kernels.events import EVENTS, events, limits_of
 from pl_mc.methods import Igg3, Ls, Outcome, Sbas
 from pl_mc.statistics import ls_quantities, ls_rates
 from pl_mc.statistics.length import length_beyond

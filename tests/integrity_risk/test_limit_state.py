@@ -10,8 +10,8 @@ from hypothesis import strategies as st
 
 import pl_mc
 from pl_mc.alert import LPV_200
-from pl_mc.engine.events import EVENTS, events, limits_of
 from pl_mc.integrity_risk.rare.limit_state import FAR_M, RISK_EVENTS, LimitState, limit_state, rotation
+from pl_mc.kernels.events import EVENTS, events, limits_of
 from pl_mc.methods import Igg3, Ls, Method, Outcome
 from reference.problems import appendix_d, random_series
 

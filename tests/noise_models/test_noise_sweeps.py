@@ -9,11 +9,11 @@ import pytest
 import pl_mc
 from pl_mc.alert import AlertLimits
 from pl_mc.engine.core import EpochBatch, block_noise, block_outcomes, prepare_epoch
-from pl_mc.engine.noise import epoch_key, unit_inputs, unit_noise
 from pl_mc.engine.part_task import identity_of
 from pl_mc.input_errors import InputError
 from pl_mc.integrity_risk.rare.limit_state import LimitState, all_axes, limit_state
 from pl_mc.integrity_risk.rare.risk import risk
+from pl_mc.kernels.noise import epoch_key, unit_inputs, unit_noise
 from pl_mc.methods import Igg3, Ls
 from pl_mc.noise_models import GAUSSIAN, GaussianMixture, Multipath, NoiseModel, NominalBias, StudentT
 from pl_mc.statistics.intervals import binomial_p_value

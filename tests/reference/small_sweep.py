@@ -13,8 +13,8 @@ import pytest
 import pl_mc
 from pl_mc.engine import EVENTS, Execution, plan, run_sweep
 from pl_mc.engine.calls import Chunk
-from pl_mc.engine.noise import LANES
 from pl_mc.engine.task import SweepTask
+from pl_mc.kernels.noise import LANES
 from pl_mc.methods import Igg3, as_methods
 from reference.problems import random_series
 

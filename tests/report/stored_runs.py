@@ -12,9 +12,9 @@ import pandas as pd
 
 import pl_mc
 from pl_mc.alert import LPV_200, Judged
-from pl_mc.engine.events import EVENTS
 from pl_mc.engine.table import with_rates
 from pl_mc.experiments.loading import build_experiment
+from pl_mc.kernels.events import EVENTS
 from pl_mc.report.document import Chart, Paragraph, TextTable
 from pl_mc.report.files import write_findings
 from pl_mc.report.findings import Findings, Picture, Table, event_quantities

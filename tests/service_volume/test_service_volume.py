@@ -14,12 +14,12 @@ import pytest
 import pl_mc
 from pl_mc import AlertLimits, InputError
 from pl_mc.alert import OPERATIONS
-from pl_mc.engine.noise import LANES
 from pl_mc.error_models import error_model
 from pl_mc.geometry.constellations import constellation_slots
 from pl_mc.geometry.frames import from_geodetic
 from pl_mc.geometry.gps_time import gps_seconds
 from pl_mc.geometry.record import UP
+from pl_mc.kernels.noise import LANES
 from pl_mc.methods import METHODS, Araim, Ls, Parity, WTest, method
 from pl_mc.methods.capabilities import levels_from_geometry
 from pl_mc.service.continuity import as_durations, continuity, run_counts

@@ -13,8 +13,8 @@ import pl_mc
 from pl_mc.alert import LPV_200
 from pl_mc.benchmark.batched_numpy import NumpyOutcome, events_of
 from pl_mc.benchmark.problem import METHODS
-from pl_mc.engine.events import EVENTS
 from pl_mc.geometry.record import Geometry
+from pl_mc.kernels.events import EVENTS
 from pl_mc.statistics.intervals import clopper_pearson, shared_noise_bounds
 
 

@@ -14,8 +14,8 @@ from numpy.typing import NDArray
 
 from pl_mc.benchmark.problem import ROBUST
 from pl_mc.constants import K_VERTICAL
-from pl_mc.engine.events import EVENTS, SETTLED_M
 from pl_mc.geometry.record import UP, Geometry
+from pl_mc.kernels.events import EVENTS, SETTLED_M
 from pl_mc.kernels.linear_model import REDUNDANCY_FLOOR
 from pl_mc.kernels.small_matrix import PIVOT_FLOOR
 from pl_mc.methods import Igg3

@@ -26,10 +26,10 @@ from pl_mc.benchmark.limit import Limit, limits
 from pl_mc.benchmark.measure import Contestant, Rate, Ratio, timed
 from pl_mc.benchmark.report import Bench, Sizes, bench_text, write_bench
 from pl_mc.engine.compiling import require_devices
-from pl_mc.engine.noise import LANES
 from pl_mc.engine.plan import SCENARIOS_PER_CALL, make_plan
 from pl_mc.geometry.record import Geometry
 from pl_mc.input_errors import InputError, require_choice, require_whole
+from pl_mc.kernels.noise import LANES
 from pl_mc.runtime.precision import PRECISIONS
 from pl_mc.runtime.progress import with_progress
 from pl_mc.runtime.threads import cores

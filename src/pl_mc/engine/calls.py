@@ -15,7 +15,7 @@ import jax
 import numpy as np
 from numpy.typing import NDArray
 
-from pl_mc.engine.noise import LANES
+from pl_mc.kernels.noise import LANES
 from pl_mc.runtime.precision import precision_scope
 from pl_mc.runtime.progress import with_progress
 from pl_mc.runtime.threads import in_order

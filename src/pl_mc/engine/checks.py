@@ -6,10 +6,10 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from pl_mc.alert import AlertLimits, as_alert, as_limits
-from pl_mc.engine.noise import LANES
 from pl_mc.faults import Faults, require_faults
 from pl_mc.geometry.record import Geometry, require_geometry
 from pl_mc.input_errors import InputError, require_numbers
+from pl_mc.kernels.noise import LANES
 
 LARGEST_SEED = 2**32 - 1
 

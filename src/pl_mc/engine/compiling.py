@@ -14,9 +14,9 @@ import numpy as np
 from jax import Array
 from jax.sharding import Mesh, PartitionSpec
 
-from pl_mc.engine.core import EpochBatch, count_events
-from pl_mc.engine.noise import LANES
+from pl_mc.engine.core import EpochBatch, count_epochs
 from pl_mc.input_errors import InputError, require_whole
+from pl_mc.kernels.noise import LANES
 from pl_mc.runtime.forks import require_own_threads
 from pl_mc.runtime.precision import precision_scope
 
@@ -80,13 +80,13 @@ def require_devices(devices: int | None) -> int:
 
 @functools.cache
 def compiled_count(devices: int) -> Callable[..., Array]:
-    """`count_events` as one compiled function, with static ``axes``, ``blocks`` and ``noise_model``."""
+    """`count_epochs` as one compiled function, with static ``axes``, ``blocks`` and ``noise_model``."""
     options = compiler_options()
     on_processor = jax.default_backend() == "cpu"
 
     def one_device(batch: EpochBatch, *numbers: Any, blocks: int, **static: Any) -> Array:
         together = _PROCESSOR_TILE // (LANES * batch.design.dtype.itemsize) if on_processor else blocks
-        return count_events(batch, *numbers, blocks=blocks, together=together, **static)
+        return count_epochs(batch, *numbers, blocks=blocks, together=together, **static)
 
     def several_devices(batch: EpochBatch, *numbers: Any, blocks: int, **static: Any) -> Array:
         each = -(-blocks // devices)

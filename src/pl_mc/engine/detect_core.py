@@ -12,9 +12,10 @@ from jax import Array
 
 from pl_mc.detectors import DETECTORS, Detector, Verdict, View
 from pl_mc.detectors.base import nothing_redundant, suspected
-from pl_mc.engine.core import EpochBatch, block_noise, each_fault
-from pl_mc.engine.noise import LANES, live_lanes
+from pl_mc.engine.core import EpochBatch, block_noise
 from pl_mc.kernels import LeastSquaresSolution, LinearModel, linear_model, start_from
+from pl_mc.kernels.noise import LANES, live_lanes
+from pl_mc.kernels.scenarios import each_fault
 from pl_mc.methods import METHODS, Method
 from pl_mc.methods.capabilities import refusal, statistic
 from pl_mc.named import as_records
@@ -107,7 +108,7 @@ def count_detections(
 ) -> Array:  # fmt: skip
     """(e, f, tests, levels, 2), how often each test was above each threshold, and suspected a faulted satellite.
 
-    Blocks count as for `pl_mc.engine.core.count_events`; ``thresholds``: (e, tests, levels).
+    Blocks count as for `pl_mc.kernels.counting.count_blocks`; ``thresholds``: (e, tests, levels).
     """
     levels = thresholds.shape[-1]
 

@@ -32,10 +32,10 @@ from pl_mc.engine.detect_core import (
     examine_errors,
     fault_free_statistics,
 )
-from pl_mc.engine.noise import LANES
 from pl_mc.geometry.record import Geometry
 from pl_mc.input_errors import InputError, require_fraction, require_whole
 from pl_mc.ism import satellite_codes
+from pl_mc.kernels.noise import LANES
 from pl_mc.methods import Method
 from pl_mc.methods.registry import fit_for
 from pl_mc.runtime.precision import dtype_of, precision_scope

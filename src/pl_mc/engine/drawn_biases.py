@@ -12,9 +12,9 @@ from jax import Array
 from jax.scipy.special import ndtr
 from numpy.typing import NDArray
 
-from pl_mc.engine.noise import epoch_key, unit_noise
 from pl_mc.geometry.record import Geometry
 from pl_mc.injection import DrawnRows, drawn_m
+from pl_mc.kernels.noise import epoch_key, unit_noise
 from pl_mc.runtime.precision import precision_scope
 
 # Their keys lie beyond those of all blocks and of all further numbers of the noise.

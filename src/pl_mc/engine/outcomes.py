@@ -17,14 +17,14 @@ from pl_mc.arrays import ordinary_arithmetic
 from pl_mc.engine.calls import Chunk, run_calls
 from pl_mc.engine.checks import LARGEST_DRAWS, LARGEST_SEED, require_errors, require_geometry_and_alert, require_inputs
 from pl_mc.engine.core import block_outcomes
-from pl_mc.engine.events import alarms, limits_of, tied, unconverged
-from pl_mc.engine.noise import LANES
 from pl_mc.engine.plan import make_plan
 from pl_mc.faults import Faults
 from pl_mc.geometry.record import EAST, NORTH, UP, Geometry
 from pl_mc.input_errors import require_whole
 from pl_mc.ism import satellite_codes
 from pl_mc.kernels import linear_model, start_from
+from pl_mc.kernels.events import alarms, limits_of, tied, unconverged
+from pl_mc.kernels.noise import LANES
 from pl_mc.kernels.parameters import Trees, as_trees, of_trees
 from pl_mc.methods import Method, Outcome, as_methods
 from pl_mc.noise_models import GAUSSIAN, NoiseModel, as_noise_model
@@ -112,7 +112,7 @@ def solve(
     Returns:
         One row per epoch and method: ``epoch, time_gps_s, method, satellites, east_m, north_m, up_m, hpl_m, vpl_m,
         available, alarm, unconverged, tied``. Numbers are missing where a method is not available; ``unconverged``
-        and ``tied`` are those of `pl_mc.engine.events`.
+        and ``tied`` are those of `pl_mc.kernels.events`.
     """
     alert = require_geometry_and_alert(g, alert, any_axis=True)
     axis = as_axis(axis, alert)

@@ -18,11 +18,11 @@ from numpy.typing import NDArray
 from pl_mc.engine.calls import Chunk, Cut
 from pl_mc.engine.core import EpochBatch
 from pl_mc.engine.drawn_biases import DrawnBiases
-from pl_mc.engine.noise import LANES
 from pl_mc.faults import Faults
 from pl_mc.geometry.record import POSITION_UNKNOWNS, Geometry
 from pl_mc.injection import row_biases
 from pl_mc.ism import satellite_codes
+from pl_mc.kernels.noise import LANES
 
 # Scenarios per call: large enough to hide a call's cost, small enough for a live progress bar and little memory.
 SCENARIOS_PER_CALL = 2**20

@@ -18,14 +18,15 @@ from numpy.typing import NDArray
 
 from pl_mc.alert import AlertLimits
 from pl_mc.engine.calls import Chunk, run_calls
-from pl_mc.engine.core import EpochBatch, block_noise, block_sizes, each_outcome, prepare_epoch
-from pl_mc.engine.events import tied, unconverged
-from pl_mc.engine.noise import LANES
+from pl_mc.engine.core import EpochBatch, block_noise, block_sizes, prepare_epoch
 from pl_mc.engine.plan import make_plan
 from pl_mc.faults import Faults
 from pl_mc.geometry.record import UP, Geometry
 from pl_mc.input_errors import InputError, require_positive
+from pl_mc.kernels.events import tied, unconverged
+from pl_mc.kernels.noise import LANES
 from pl_mc.kernels.parameters import Trees, as_trees, of_trees
+from pl_mc.kernels.scenarios import each_outcome
 from pl_mc.methods import Method, Outcome
 from pl_mc.runtime.precision import dtype_of
 from pl_mc.runtime.threads import cores
@@ -89,7 +90,7 @@ class StanfordCounts:
         grid: the cells.
         scenarios: scenarios of each method.
         independent_draws: noise draws with each epoch counted once; all faults of an epoch share its noise.
-        unconverged, tied: (methods, regions), scenarios of each region that are that, see `pl_mc.engine.events`.
+        unconverged, tied: (methods, regions), scenarios of each region that are that, see `pl_mc.kernels.events`.
     """
 
     counts: NDArray[np.int64]

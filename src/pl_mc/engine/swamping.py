@@ -17,12 +17,13 @@ import pandas as pd
 from jax import Array
 
 from pl_mc.engine.calls import Chunk, run_calls
-from pl_mc.engine.core import EpochBatch, block_noise, block_sizes, each_fault
-from pl_mc.engine.noise import live_lanes
+from pl_mc.engine.core import EpochBatch, block_noise, block_sizes
 from pl_mc.engine.plan import make_plan
 from pl_mc.faults import Faults
 from pl_mc.geometry import Geometry
 from pl_mc.kernels import IrlsOptions, LeastSquaresSolution, LinearModel, irls, linear_model
+from pl_mc.kernels.noise import live_lanes
+from pl_mc.kernels.scenarios import each_fault
 from pl_mc.runtime.precision import dtype_of
 from pl_mc.runtime.threads import cores
 from pl_mc.statistics.intervals import clopper_pearson, rate_columns

@@ -68,7 +68,7 @@ def sweep(
     Returns:
         A table with one row per method, axis and fault: ``method, fault, bias_m, epochs, draws``, the counts ``alarms,
         hazards, missed, exceeded, misleading, false_alarms, unavailable, unconverged, tied`` (defined in
-        `pl_mc.engine.events`), and for each of them ``<event>_rate, <event>_low, <event>_high``: count / draws with
+        `pl_mc.kernels.events`), and for each of them ``<event>_rate, <event>_low, <event>_high``: count / draws with
         95 % Clopper-Pearson bounds. A column ``axis`` follows the method where axes were given or the horizontal
         one decides. For a single epoch, or ``by_epoch``, ``epoch`` stands in front instead of the
         number of ``epochs``. A fault counts at the epochs at which all its satellites are in view;

@@ -10,8 +10,8 @@ import pandas as pd
 from numpy.typing import NDArray
 
 from pl_mc.alert import VERTICAL
-from pl_mc.engine.events import EVENTS
 from pl_mc.engine.task import PartCounts, SweepTask
+from pl_mc.kernels.events import EVENTS
 from pl_mc.statistics.intervals import clopper_pearson, rate_columns, shared_noise_bounds
 
 CONFIDENCE = 0.95

@@ -21,12 +21,12 @@ from pl_mc.alert import VERTICAL, AlertLimits
 from pl_mc.engine import plan as cut
 from pl_mc.engine.calls import Chunk, run_calls
 from pl_mc.engine.compiling import compiled_count
-from pl_mc.engine.events import EVENTS, limits_of
-from pl_mc.engine.noise import LANES
 from pl_mc.engine.part_task import Kind, array_fingerprint
 from pl_mc.engine.plan import Plan, make_plan
 from pl_mc.faults import Faults
 from pl_mc.geometry.record import Geometry
+from pl_mc.kernels.events import EVENTS, limits_of
+from pl_mc.kernels.noise import LANES
 from pl_mc.kernels.parameters import as_trees
 from pl_mc.methods.base import Method
 from pl_mc.noise_models import GAUSSIAN, NoiseModel

@@ -19,12 +19,12 @@ from pydantic import ValidationError
 from pl_mc.alert import OPERATIONS, as_limits
 from pl_mc.detectors.registry import detector
 from pl_mc.engine import Execution, plan
-from pl_mc.engine.noise import LANES
 from pl_mc.error_models import error_model
 from pl_mc.experiments.loading import field_problems, read_source
 from pl_mc.faults import Faults, ramp_sizes_m
 from pl_mc.geometry import Geometry
 from pl_mc.input_errors import InputError
+from pl_mc.kernels.noise import LANES
 from pl_mc.methods import Method, as_methods, method
 from pl_mc.noise_models import noise_model
 from pl_mc.runtime.threads import cores

@@ -19,10 +19,10 @@ from pathlib import Path
 from typing import Any
 
 from pl_mc.engine import plan
-from pl_mc.engine.noise import LANES
 from pl_mc.engine.part_task import environment
 from pl_mc.experiments.loading import experiment_of, in_this_version
 from pl_mc.input_errors import InputError, shown, system_reason
+from pl_mc.kernels.noise import LANES
 from pl_mc.report.run_folder import MANIFEST, changed_fields, earlier_place, read_run_folder
 from pl_mc.runtime.small_files import parsed_json, read_text
 from pl_mc.runtime.whole_files import locked, write_whole

@@ -16,7 +16,9 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from pl_mc.arrays import ordinary_arithmetic
-from pl_mc.constants import MOST_SATELLITES as MOST_SATELLITES
+from pl_mc.constants import EAST as EAST
+from pl_mc.constants import NORTH as NORTH
+from pl_mc.constants import UP as UP
 from pl_mc.input_errors import InputError, nearest, require_numbers, shown
 
 if TYPE_CHECKING:
@@ -24,7 +26,6 @@ if TYPE_CHECKING:
 
 SYSTEM_NAMES = {"G": "GPS", "C": "BeiDou", "E": "Galileo", "R": "GLONASS", "J": "QZSS"}
 
-EAST, NORTH, UP = 0, 1, 2
 POSITION_UNKNOWNS = 3
 
 # Beyond these a sigma is a slip of the unit, and weights cannot be computed with.

@@ -19,9 +19,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from pl_mc.constants import EARTH_GM_M3_S2, EARTH_ROTATION_RAD_S
+from pl_mc.constants import EARTH_GM_M3_S2, EARTH_ROTATION_RAD_S, MOST_SATELLITES
 from pl_mc.geometry.orbits import bds_orbit
-from pl_mc.geometry.record import MOST_SATELLITES
 from pl_mc.geometry.sp3_reader import NODES, Sp3Table, iso_date, read_sp3
 from pl_mc.input_errors import InputError, nearest, shown
 

@@ -15,8 +15,8 @@ import numpy as np
 import pandas as pd
 from scipy import special
 
-from pl_mc.engine.events import EVENTS
 from pl_mc.input_errors import InputError
+from pl_mc.kernels.events import EVENTS
 from pl_mc.report.document import Block, Bullets, Paragraph, TextTable
 from pl_mc.report.files import to_markdown
 from pl_mc.report.run_folder import RunFolder, changed_fields

@@ -15,7 +15,7 @@ from typing import Literal, ParamSpec
 import pandas as pd
 from matplotlib.figure import Figure
 
-from pl_mc.engine.events import EVENTS
+from pl_mc.kernels.events import EVENTS
 from pl_mc.report.document import Chart, Quantity, Summary
 from pl_mc.report.figures import in_common_look
 

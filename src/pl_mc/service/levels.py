@@ -13,9 +13,9 @@ from numpy.typing import NDArray
 
 from pl_mc.arrays import FloatArray
 from pl_mc.engine.compiling import compiler_options
-from pl_mc.engine.noise import LANES, epoch_key, unit_inputs
 from pl_mc.kernels import LeastSquaresSolution, LinearModel, linear_model
 from pl_mc.kernels.linear_model import product
+from pl_mc.kernels.noise import LANES, epoch_key, unit_inputs
 from pl_mc.kernels.parameters import Trees, as_trees, of_trees
 from pl_mc.methods import Method
 from pl_mc.methods.capabilities import declared, levels_from_geometry

@@ -17,10 +17,10 @@ from numpy.typing import NDArray
 
 from pl_mc.alert import AlertLimits
 from pl_mc.arrays import FloatArray
-from pl_mc.engine.noise import LANES
 from pl_mc.engine.part_task import Kind, array_fingerprint
 from pl_mc.geometry.record import Geometry
 from pl_mc.input_errors import InputError
+from pl_mc.kernels.noise import LANES
 from pl_mc.methods import Method
 from pl_mc.methods.capabilities import declared, levels_from_geometry
 from pl_mc.noise_models import NoiseModel

@@ -17,7 +17,6 @@ from jax import Array
 from numpy.typing import NDArray
 from pydantic import Discriminator, Field, Tag
 
-from pl_mc.engine.noise import LANES, epoch_key, unit_noise
 from pl_mc.error_models import error_model
 from pl_mc.geometry import Geometry, simulate
 from pl_mc.geometry.constellations import constellation_slots
@@ -25,6 +24,7 @@ from pl_mc.geometry.flight import Flight, banked_visibility, fly, survey_plan
 from pl_mc.geometry.frames import geodetic
 from pl_mc.geometry.gps_time import gps_seconds
 from pl_mc.input_errors import InputError
+from pl_mc.kernels.noise import LANES, epoch_key, unit_noise
 from pl_mc.receiver import read_receiver_series, read_truth
 from pl_mc.runtime.precision import dtype_of, precision_scope
 from pl_mc.studies.spec import ReceiverFiles, SimulatedGeometry, Strict, satellite_files

@@ -21,10 +21,11 @@ import jax.numpy as jnp
 import numpy as np
 from jax import Array
 
-from pl_mc.engine.core import EpochBatch, each_fault, prepare_epoch
+from pl_mc.engine.core import EpochBatch, prepare_epoch
 from pl_mc.kernels import LeastSquaresSolution, LinearModel
 from pl_mc.kernels.linear_model import product
 from pl_mc.kernels.parameters import Trees, as_trees, of_trees
+from pl_mc.kernels.scenarios import each_fault
 from pl_mc.methods import Method
 from pl_mc.methods.capabilities import levels_from_geometry, scales_with_k, statistic
 from pl_mc.noise_models.gauss_markov import step

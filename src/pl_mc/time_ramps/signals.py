@@ -16,10 +16,10 @@ from jax import Array
 from numpy.typing import ArrayLike, NDArray
 
 from pl_mc.arrays import FloatArray
-from pl_mc.engine.noise import LANES, epoch_key
 from pl_mc.geometry.record import Geometry
 from pl_mc.input_errors import InputError, require_choice, require_number
 from pl_mc.ism import codes_of
+from pl_mc.kernels.noise import LANES, epoch_key
 from pl_mc.noise_models.gauss_markov import GaussMarkov
 
 # Keys of passes lie beyond those of single epochs and of exposures.

@@ -24,14 +24,15 @@ from pl_mc.alert import LPV_200, AlertLimits
 from pl_mc.arrays import ordinary_arithmetic
 from pl_mc.engine.calls import Chunk, run_calls
 from pl_mc.engine.checks import LARGEST_DRAWS, LARGEST_SEED, require_inputs, require_single
-from pl_mc.engine.core import EpochBatch, each_outcome, prepare_epoch
-from pl_mc.engine.events import EVENTS, events, limits_of
-from pl_mc.engine.noise import LANES, epoch_key, live_lanes
+from pl_mc.engine.core import EpochBatch, prepare_epoch
 from pl_mc.engine.plan import make_plan
 from pl_mc.faults import Faults
 from pl_mc.geometry.record import Geometry
 from pl_mc.input_errors import InputError, require_numbers, require_positive, require_whole, shown
+from pl_mc.kernels.events import EVENTS, events, limits_of
+from pl_mc.kernels.noise import LANES, epoch_key, live_lanes
 from pl_mc.kernels.parameters import Trees, as_trees, of_trees
+from pl_mc.kernels.scenarios import each_outcome
 from pl_mc.methods import Method, Outcome, as_methods
 from pl_mc.noise_models import GAUSSIAN, NoiseModel, as_noise_model
 from pl_mc.noise_models.gauss_markov import GaussMarkov, step
@@ -83,7 +84,7 @@ def exposure(
         progress: whether to show a progress bar; where standard error is a terminal unless given.
 
     Returns:
-        One row per correlation time, fault, method and event of `pl_mc.engine.events`: ``tau_s, fault, bias_m,
+        One row per correlation time, fault, method and event of `pl_mc.kernels.events`: ``tau_s, fault, bias_m,
         method, event``; ``exposures``, ``samples`` of each; ``exposures_with``, those with the event at least once,
         and ``any_rate, any_low, any_high``, their share with 95 % Clopper-Pearson bounds; ``samples_with``,
         ``sample_rate`` and ``sample_error``, the rate per sample with the standard error that exposures scatter by

@@ -19,10 +19,10 @@ from numpy.typing import NDArray
 
 from pl_mc.alert import EITHER, HORIZONTAL, VERTICAL, AlertLimits, judged_by
 from pl_mc.arrays import FloatArray
-from pl_mc.engine.events import unconverged
 from pl_mc.geometry.record import EAST, NORTH, POSITION_UNKNOWNS, UP, Geometry
 from pl_mc.ism import satellite_codes
 from pl_mc.kernels import linear_model, start_from
+from pl_mc.kernels.events import unconverged
 from pl_mc.kernels.parameters import Trees, as_trees, of_trees
 from pl_mc.methods.base import Method, Outcome
 from pl_mc.noise_models import GAUSSIAN, NoiseModel
@@ -245,7 +245,7 @@ def sizes_and_levels(outcome: Outcome, axis: str) -> list[tuple[Array, Array]]:
 
 
 def limit_state(outcome: Outcome, limits_m: Array | float, event: str, axis: str = VERTICAL) -> Array:
-    """(...), a number [m] that is positive where the event of `pl_mc.engine.events` happens, and not elsewhere.
+    """(...), a number [m] that is positive where the event of `pl_mc.kernels.events` happens, and not elsewhere.
 
     How far an error is beyond its limit, and its protection level below the alert limit, whichever is less; at most
     `FAR_M` either way. Where either error decides it is the one that is further beyond, and the level that is closest

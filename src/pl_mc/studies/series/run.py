@@ -15,8 +15,8 @@ from pydantic import Field, field_validator
 
 from pl_mc.alert import AlertLimits
 from pl_mc.engine import Execution, solve
-from pl_mc.engine.noise import LANES
 from pl_mc.geometry.gps_time import gps_dates
+from pl_mc.kernels.noise import LANES
 from pl_mc.report.accuracy import accuracy_m
 from pl_mc.report.document import Block, Paragraph, Summary, TextTable
 from pl_mc.report.figures import short_label

@@ -14,11 +14,11 @@ from numpy.typing import NDArray
 from pydantic import Discriminator, Field, Tag, ValidationInfo, field_validator
 
 from pl_mc.engine.drawn_biases import numbers_of_draw
-from pl_mc.engine.noise import epoch_key
 from pl_mc.faults import fault_label
 from pl_mc.geometry import Geometry
 from pl_mc.injection import inject
 from pl_mc.input_errors import InputError
+from pl_mc.kernels.noise import epoch_key
 from pl_mc.runtime.precision import precision_scope
 from pl_mc.studies.spec import ListedFaults, Strict, fields_of
 

@@ -6,7 +6,7 @@ from collections.abc import Mapping
 
 import pandas as pd
 
-from pl_mc.engine.events import EVENTS
+from pl_mc.kernels.events import EVENTS
 from pl_mc.report.document import Block, Bullets, Heading, Paragraph, TextTable
 from pl_mc.report.text import event_text
 from pl_mc.studies.variants.record import DEFAULT, VariantsExperiment

@@ -17,8 +17,8 @@ from jax import Array
 from numpy.typing import DTypeLike, NDArray
 
 from pl_mc.alert import HORIZONTAL, VERTICAL, AlertLimits, judged_by
-from pl_mc.geometry.record import EAST, NORTH, UP
-from pl_mc.methods.base import Outcome
+from pl_mc.constants import EAST, NORTH, UP
+from pl_mc.kernels.outcome import Outcome
 
 # A larger last step of a position component, and the iteration has not settled [m].
 SETTLED_M = 0.01
