@@ -11,8 +11,7 @@ import math
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 
-from pl_mc.constants import BDT_BEHIND_GPS_S, FREQUENCY_B1I_HZ, FREQUENCY_L1_HZ
-from pl_mc.geometry.record import MOST_SATELLITES
+from pl_mc.constants import BDT_BEHIND_GPS_S, FREQUENCY_B1I_HZ, FREQUENCY_L1_HZ, MOST_SATELLITES
 
 # Navigation messages, as they are called here.
 LNAV, CNAV, CNAV2, INAV, FNAV, D1_D2, B_CNAV1, B_CNAV2 = (

@@ -28,11 +28,12 @@ from pydantic import (
 from pydantic_core import PydanticCustomError
 
 from pl_mc.alert import AXES, OPERATIONS, VERTICAL, AlertLimits, Judged, as_alert, as_axes, as_limits
+from pl_mc.constants import MOST_SATELLITES
 from pl_mc.engine.checks import LARGEST_DRAWS, LARGEST_SEED
 from pl_mc.error_models import ErrorModel, error_model
 from pl_mc.faults import Faults, biases, no_fault, ramps, require_text
 from pl_mc.geometry import Geometry, redundancy_numbers, simulate
-from pl_mc.geometry.record import MOST_SATELLITES, SYSTEM_NAMES
+from pl_mc.geometry.record import SYSTEM_NAMES
 from pl_mc.input_errors import InputError, nearest, shown
 from pl_mc.methods import Method, as_methods, method
 from pl_mc.noise_models import NoiseModel, noise_model
