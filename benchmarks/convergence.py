@@ -2,7 +2,8 @@
 
 Epoch 545 of the simulated CUT0, no fault and every satellite faulted in turn. Each draw is followed to the 400th plain
 solution, from the start and from where a scheme ended; where the two limits differ the scheme left the basin of the
-plain iteration. Writes results/convergence/convergence.csv and, for P(exceeded), results/convergence/rates.csv.
+plain iteration. Writes results/convergence/convergence.csv and, for P(exceeded), results/convergence/rates.csv; for the
+other weight functions results/convergence/weights.csv.
 """
 
 from __future__ import annotations
@@ -18,6 +19,7 @@ import pandas as pd
 import pl_mc
 from pl_mc.kernels import IrlsOptions, irls, linear_model, start_from
 from pl_mc.kernels.reweighting import Iterate, reweighted
+from pl_mc.methods import L1, MM, Danish, Hampel, Huber, Tukey
 
 DRAWS, LIMIT, SEED = 8192, 400, 3
 BIASES_M = (1.0, 3.0, 5.0, 10.0, 20.0, 50.0, 100.0)
@@ -30,6 +32,11 @@ SCHEMES = {
     "36 with Aitken (default)": IrlsOptions(),
 }
 RATE_FAULTS = (None, ("G09", 3.5), ("G09", 20.0))
+OTHERS = [[of(iterations=count) for count in (10, 40, 80, None)] for of in (Huber, Tukey, Hampel, Danish)]
+# Whose defaults, 50 and 10, are plain iterations.
+OTHERS += [[L1(iterations=count) for count in (50, 150, 300, 600)], [MM(iterations=count) for count in (10, 40, 80)]]
+KEPT = ["method", "fault", "draws", "exceeded", "exceeded_rate", "exceeded_low", "exceeded_high"]
+KEPT += ["unconverged", "unconverged_rate", "unconverged_low", "unconverged_high"]
 
 
 def main(out: Path) -> None:
@@ -75,14 +82,24 @@ def main(out: Path) -> None:
     shares = table[columns[4:]].div(table.draws, axis=0)
     print(shares.groupby(table.scheme, sort=False).agg(["mean", "max"]).to_string())
 
-    counts = [5, 10, 20, 40, 80, None]
-    methods = [pl_mc.igg3(iterations=count) for count in counts]
-    faults = [pl_mc.no_fault(g) if one is None else pl_mc.biases(g, dict([one])) for one in RATE_FAULTS]
-    rates = pl_mc.sweep(g, faults[0] + faults[1] + faults[2], draws=1_000_000, seed=SEED, methods=methods)
-    keep = ["method", "fault", "draws", "exceeded", "exceeded_rate", "exceeded_low", "exceeded_high"]
-    keep += ["unconverged", "unconverged_rate", "unconverged_low", "unconverged_high"]
-    rates[keep].to_csv(out / "rates.csv", index=False)
+    methods = [pl_mc.igg3(iterations=count) for count in (5, 10, 20, 40, 80, None)]
+    rates = counted(g, methods, 1_000_000)
+    rates.to_csv(out / "rates.csv", index=False)
     print(rates[["method", "fault", "exceeded_rate", "unconverged_rate"]].to_string())
+    others(g, out)
+
+
+def others(g, out: Path) -> None:
+    """Other weights, by iterations."""
+    rates = pd.concat([counted(g, methods, 100_000) for methods in OTHERS], ignore_index=True)
+    rates.to_csv(out / "weights.csv", index=False)
+    print(rates[["method", "fault", "exceeded_rate", "unconverged_rate"]].to_string())
+
+
+def counted(g, methods, draws: int) -> pd.DataFrame:
+    """Rates under `RATE_FAULTS`."""
+    faults = [pl_mc.no_fault(g) if one is None else pl_mc.biases(g, dict([one])) for one in RATE_FAULTS]
+    return pl_mc.sweep(g, faults[0] + faults[1] + faults[2], draws=draws, seed=SEED, methods=methods)[KEPT]
 
 
 if __name__ == "__main__":

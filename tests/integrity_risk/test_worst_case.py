@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import dataclasses
+import re
 
 import numpy as np
 import pandas as pd
@@ -376,6 +377,21 @@ def test_estimates_that_fail() -> None:
     assert "no estimate" in row["warning"]
     with pytest.raises(InputError, match="estimator: one row for each of 12 faults"):
         worst_case(g, satellites=["G03"], estimator=lambda f, c, s: whole(f, c, s).iloc[:1])
+
+
+@pytest.mark.parametrize("event", ["missed", "misleading"])
+@pytest.mark.parametrize("val_m", [1e-6, 35.0, 1e9])
+@pytest.mark.parametrize("sigma_m", [1e-9, 1.0, 1e9])
+def test_extremes_are_a_number_or_a_sentence(event: str, val_m: float, sigma_m: float) -> None:
+    g = appendix_d()
+    g = Geometry.from_arrays(g.design, np.full(len(g.names), sigma_m), g.systems, g.names)
+    try:
+        table = worst_case(g, satellites=["G03", ("G03", "E06")], event=event, alert=AlertLimits("any", val_m))
+    except InputError as error:
+        assert re.search(r": a number .* is needed, not [\d.e+]+\.$", str(error)), error
+        assert sigma_m < 1.0 or val_m / sigma_m > 1e8
+    else:
+        assert table["probability"].between(0.0, 1.0).all()
 
 
 def test_bad_input() -> None:
