@@ -113,7 +113,7 @@ def observe(
     systems: str | None = None,
     signals: str | None = None,
     fault: Annotated[tuple[str, ...], Several] = (),
-    mask_deg: Annotated[float, Parameter(allow_leading_hyphen=True)] = 10.0,
+    mask_deg: Annotated[float, Parameter(name=("--mask-deg", "--mask"), allow_leading_hyphen=True)] = 10.0,
     error_model: str = "residual",
     ionosphere: str = "broadcast",
     method: Annotated[tuple[str, ...], Several] = ("ls", "igg3"),
@@ -148,7 +148,7 @@ def observe(
         `broadcast`: corrected with the coefficients of the navigation files; `none`: its delay is left in;
         `dual`: pseudoranges of two carriers are combined so that it cancels, with their noise.
     method
-        A method; repeatable.
+        A method, `ls`, or one with options of its own, `igg3(k0=2, k1=6)`; repeatable.
     out
         Results folder; `runs/observe-NAME` unless given. An earlier result there is replaced.
     """
@@ -169,7 +169,7 @@ def observe(
         "error_model": error_model,
         "ionosphere": ionosphere,
         "faults": fault,
-        "methods": [{"name": name} for name in method],
+        "methods": [_method(text) for text in method],
     }
     record = build_experiment(content, source="observe")
     output.show(run_experiment(f"observe-{station}", record, out, execution=Execution(progress=output.bar)))
@@ -221,6 +221,26 @@ def bench(
         seconds=seconds, precisions=precision, devices=devices, limit=limit, out=out, progress=progress
     )
     print(dumps(record.as_dict(), indent=2, ensure_ascii=False) if json else text)
+
+
+def _method(text: str) -> dict[str, Any]:
+    """A method by name, with its options as in a file: ``igg3(k0=2, k1=6)``."""
+    import tomllib
+
+    name, bracket, rest = text.strip().partition("(")
+    if not bracket:
+        return {"name": name}
+    try:
+        if not rest.endswith(")"):
+            raise ValueError
+        options = tomllib.loads(f"options = {{{rest[:-1]}}}")["options"]
+    except ValueError:
+        raise InputError(
+            f"method: {shown(text)} cannot be read; a name or the form igg3(k0=2, k1=6) is needed."
+        ) from None
+    if "name" in options:
+        raise InputError(f"method: {shown(text)} has its name before the bracket, and no option of that name.")
+    return {"name": name.strip(), **options}
 
 
 def _words(text: str | None) -> tuple[str, ...] | None:
