@@ -246,3 +246,42 @@ def test_sigma_of_other_signals() -> None:
     constant = error_model("constant")
     both = sigma_of_signal_m(constant, sky, noise=np.array(2.978), ionosphere=np.array(0.0))
     assert both == pytest.approx(2.978 * constant.sigma_m(sky), rel=1e-12)
+
+
+def test_glonass_is_read_where_it_is_asked_for(texts: tuple[str, str], tmp_path: Path) -> None:
+    paths = write(tmp_path, texts)
+    assert "R" not in read_rinex(*paths).systems
+    data = read_rinex(*paths, systems=("R",), ionosphere="none")
+    assert {"R04", "R20"} <= used(data)
+    assert set(data.orbits) == {"GLO"}
+    bound = "FDMA does not send all of its group delays, and none between the receiver's channels is known"
+    assert data.notes[0] == f"GLONASS G1: {bound}; up to 3.0 m a satellite stays in."
+
+
+@pytest.mark.parametrize(
+    ("row", "column", "text", "told"),
+    [
+        (1, 0, " 1.0x0000000000E+04", "is not a number of 19 columns"),
+        (1, 0, " 1.000000000000E+01", "no satellite is there"),
+        (1, 1, " 9.000000000000E+00", "no satellite is there, is so fast"),
+    ],
+)
+def test_damaged_records_of_glonass(
+    row: int, column: int, text: str, told: str, texts: tuple[str, str], tmp_path: Path
+) -> None:
+    lines = texts[1].split("\n")
+    for k in [k for k, line in enumerate(lines) if line.startswith("> EPH R04")]:
+        at = 4 + 19 * column
+        lines[k + 1 + row] = lines[k + 1 + row][:at] + text + lines[k + 1 + row][at + 19 :]
+    data = read_rinex(*write(tmp_path, (texts[0], "\n".join(lines))), systems=("R",), ionosphere="none")
+    assert "R04" not in used(data)
+    assert data.no_ephemeris[:, data.names.index("R04")].any()
+    assert "the record of R04 at line" in data.notes[0]
+    assert told in data.notes[0]
+
+
+def test_an_unhealthy_satellite_of_glonass(texts: tuple[str, str], tmp_path: Path) -> None:
+    """Bn is the fourth number of the second line."""
+    paths = write(tmp_path, (texts[0], set_field(texts[1], "R04", "FDMA", 1, 3, 1.0)))
+    data = read_rinex(*paths, systems=("R",), ionosphere="none")
+    assert data.unhealthy[0, data.names.index("R04")]

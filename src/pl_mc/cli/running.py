@@ -133,8 +133,8 @@ def observe(
     truth
         The true position: `X,Y,Z` Earth-fixed [m], or a CSV file with a track.
     systems
-        Systems to use, RINEX letters: G (GPS), E (Galileo), C (BeiDou), J (QZSS), such as `G,E`; those of the first
-        three that the files have unless given.
+        Systems to use, RINEX letters: G (GPS), E (Galileo), C (BeiDou), R (GLONASS), J (QZSS), such as `G,E`;
+        those of the first three that the files have unless given.
     signals
         Other signals than L1 C/A, E1 and B1I, such as `L5,E5a`; with `--ionosphere dual` other pairs than the first
         that the files have, such as `E1+E5b,B1I+B2I`.

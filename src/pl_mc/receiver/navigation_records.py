@@ -22,7 +22,7 @@ from numpy.typing import NDArray
 from pl_mc.geometry.gps_time import GPS_EPOCH
 from pl_mc.input_errors import InputError
 from pl_mc.receiver.rinex_text import RinexText, label_of, listed, read_rinex_text
-from pl_mc.receiver.signals import GROUP_DELAYS, LNAV, OWN_GROUP_DELAYS, SYSTEMS, Observable
+from pl_mc.receiver.signals import FDMA, GROUP_DELAYS, LNAV, OWN_GROUP_DELAYS, SYSTEMS, Observable
 from pl_mc.runtime import sidereon_adapter as library
 
 # What the elements of an orbit can be: the widest reach of their bits, angles up to a turn.
@@ -50,6 +50,9 @@ _CLOCK: Mapping[str, tuple[float, float]] = {"af0": (-1e-3, 1e-3), "af1": (-4e-9
 _CLOCK_GALILEO: Mapping[str, tuple[float, float]] = {
     "af0": (-0.063, 0.063), "af1": (-1.5e-8, 1.5e-8), "af2": (-6e-17, 6e-17),
 }  # fmt: skip
+
+# GLONASS: circles at 25,508 km; 3.6 km/s in space, with a clock of 22 bits of 2^-30 s (GLONASS ICD 5.1, table 4.5).
+_GLONASS_RADIUS_M, _FASTEST_M_S, _LARGEST_TAU_S = (2.5e7, 2.6e7), 4500.0, 2e-3
 
 # Eight bits each of alpha and beta of the ionosphere (IS-GPS-200, table 20-X); BeiDou's reach as far.
 _LARGEST_KLOBUCHAR = 128 * np.array([2.0**-30, 2.0**-27, 2.0**-24, 2.0**-24, 2.0**11, 2.0**14, 2.0**16, 2.0**16])
@@ -189,7 +192,44 @@ def _ephemerides(
             left_out.append(f"the record of {record.satellite} of {_where(file, record)} ({fault})")
         else:
             sound.append(_ephemeris(record))
+    if "R" in systems:
+        sound += _glonass(file, body, left_out)
     return sound, left_out
+
+
+def _glonass(file: RinexText, body: Sequence[str], left_out: list[str]) -> list[Ephemeris]:
+    """The sound records of GLONASS, which the library reads one by one."""
+    sound = []
+    starts = [k for k, line in enumerate(body) if re.match(r"R[ \d]\d ", line, re.ASCII)]
+    for start in starts:
+        stop = next((k for k in range(start + 1, len(body)) if not body[k].startswith("    ")), len(body))
+        announced = [body[start - 1]] if start and body[start - 1].startswith(">") else []
+        where = f"the record of {body[start][:3]} at line {file.number(start)}"
+        try:
+            orbit = library.GlonassOrbit("\n".join((*file.header, *announced, *body[start:stop], "")))
+        except (library.Unreadable, ValueError) as error:
+            left_out.append(f"{where} ({error})")
+            continue
+        record = orbit.record
+        radius_m, speed_m_s = (float(np.linalg.norm(part)) for part in (record.position_m, record.velocity_m_s))
+        low, high = _GLONASS_RADIUS_M
+        if not (low < radius_m < high and speed_m_s < _FASTEST_M_S and abs(record.clock_bias_s) < _LARGEST_TAU_S):
+            left_out.append(f"{where} (no satellite is there, is so fast or has such a clock)")
+            continue
+        sound.append(
+            Ephemeris(
+                name=record.satellite,
+                message=FDMA,
+                toe_gps_s=orbit.toe_gps_s,
+                sent_gps_s=-math.inf,
+                health=0 if record.is_healthy else 1,
+                predicted=True,
+                group_delays_s={},
+                week_gps_s=orbit.toe_gps_s,
+                record=orbit,
+            )
+        )
+    return sound
 
 
 def _without_misshapen(file: RinexText, systems: Sequence[str], left_out: list[str]) -> list[str]:

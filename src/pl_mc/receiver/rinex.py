@@ -40,7 +40,7 @@ class ReceiverData:
         time_gps_s: (e,), epochs by the receiver's clock [s since 1980-01-06, GPS time].
         names: m satellites by RINEX name, GPS first.
         systems: m RINEX letters.
-        orbits: m classes of orbit: GPS (QZSS too), GAL, BDS-MEO, BDS-IGSO, BDS-GEO; empty without an ephemeris.
+        orbits: m classes of orbit: GPS (QZSS too), GAL, GLO, BDS-MEO, BDS-IGSO, BDS-GEO; or empty.
         observables: of each system letter, which signal its pseudoranges are of, or which two are combined.
         pseudorange_m: (e, m), of that signal, or of both without ionosphere [m]; NaN where missing.
         satellite_position_m: (e, m, 3), Earth-fixed at transmission time [m]; NaN without usable ephemeris.
@@ -101,8 +101,8 @@ def read_rinex(
     Args:
         observation_path: the observation file.
         navigation_path: the navigation file, or a sequence of them, whose messages are put together.
-        systems: RINEX letters; G (GPS), C (BeiDou), E (Galileo) and J (QZSS) are read. Those of the first three that
-            the files have unless given.
+        systems: RINEX letters; G (GPS), C (BeiDou), E (Galileo), R (GLONASS) and J (QZSS) are read. Those of the
+            first three that the files have unless given.
         signals: a signal for some of the systems, such as L5 or E5a, or two, such as E1+E5b, by the rows of
             `pl_mc.receiver.signals`. L1 C/A, B1I and E1 unless given; of two the first pair that the files have of
             L1 P(Y) or C/A and L2 P(Y), L2C or L5, B1I and B3I or B2I, E1 and E5a or E5b.
@@ -232,10 +232,11 @@ def _used_systems(
         observable = observations.observables[letter]
         message = navigation.message_for(observable)
         left_m = observable.neglected_m(message)
-        if left_m > 0 and (len(observable.signals) > 1 or observable.signals[0] != signals_of(letter)[0]):
+        if left_m > 0 and (letter != "G" or len(observable.signals) > 1 or observable.signals[0] != signals_of("G")[0]):
+            between = ", and none between the receiver's channels is known" if letter == "R" else ""
+            said = f"{message} does not send all of its group delays{between}"
             notes.append(
-                f"{SYSTEM_NAMES[letter]} {observable.name}: {message} does not send all of its group delays; up to "
-                f"{left_m:.1f} m a satellite stays in."
+                f"{SYSTEM_NAMES[letter]} {observable.name}: {said}; up to {left_m:.1f} m a satellite stays in."
             )
     return tuple(used), notes
 
@@ -373,7 +374,7 @@ def _orbit(ephemerides: Sequence[Ephemeris]) -> str:
     if not ephemerides:
         return ""
     if ephemerides[0].name[0] != "C":
-        return "GAL" if ephemerides[0].name[0] == "E" else "GPS"
+        return {"E": "GAL", "R": "GLO"}.get(ephemerides[0].name[0], "GPS")
     elements = [one.record.elements for one in ephemerides]
     root_axis = float(np.median([one.sqrt_a for one in elements]))
     return bds_orbit(root_axis**2, float(np.median([one.i0 for one in elements])))
