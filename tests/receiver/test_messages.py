@@ -15,6 +15,7 @@ from pl_mc.error_models import Sky, error_model
 from pl_mc.error_models.base import sigma_of_signal_m
 from pl_mc.input_errors import InputError
 from pl_mc.receiver import ReceiverData, read_receiver_series, read_rinex, read_truth
+from pl_mc.receiver.navigation_records import read_navigation
 from pl_mc.receiver.signals import LNAV, Observable, observables_of, signals_of
 
 KMS = "KMS300DNK_R_20221591000_01H_30S_MO.crx", "KMS300DNK_R_20221591000_01H_MN.rnx.gz"
@@ -111,6 +112,37 @@ def test_what_has_no_accuracy_is_left_out(texts: tuple[str, str], tmp_path: Path
         data = read_rinex(*paths, systems=("E",), ionosphere="none")
         assert data.unpredicted[0, data.names.index("E07")] == left_out
         assert "E07" in used(read_rinex(*paths, systems=("E",), signals=("E5a",), ionosphere="none"))
+
+
+@pytest.mark.parametrize(
+    ("sources", "message"),
+    [
+        (513.0, "I/NAV"),
+        (516.0, "I/NAV"),
+        (512.0, "I/NAV"),
+        (258.0, "F/NAV"),
+        (514.0, "I/NAV"),
+        (257.0, "F/NAV"),
+        (0.0, "I/NAV"),
+    ],
+)
+def test_the_message_of_galileo_is_that_of_its_clock(
+    sources: float, message: str, texts: tuple[str, str], tmp_path: Path
+) -> None:
+    """Bits 8 and 9 of the data sources say which clock a record has; where they do not, what RINEX 4 announces."""
+    inav = re.sub(r"> EPH E\d\d FNAV *\n(?:[^>].*\n){8}", "", texts[1])
+    path = write(tmp_path, (texts[0], set_field(inav, "E07", "INAV", 5, 1, sources)))[1]
+    navigation = read_navigation([path], ("E",))
+    assert {one.message for one in navigation.ephemerides["E07"]} == {message}
+    assert navigation.notes == ()
+    if not sources:
+        records = re.findall(r"> EPH E07 INAV *\n((?:[^>].*\n){8})", set_field(inav, "E07", "INAV", 5, 1, sources))
+        head = f"{'3.05':>9}{'':11}{'NAVIGATION DATA':20}{'M':20}RINEX VERSION / TYPE\n{'':60}END OF HEADER\n"
+        path.write_text(head + "".join(records))
+        older = read_navigation([path], ("E",))
+        assert older.ephemerides == {}
+        assert "the record of E07 of 2022-06-08" in older.notes[0]
+        assert "its data sources name neither I/NAV nor F/NAV" in older.notes[0]
 
 
 def test_a_signal_without_its_message_is_not_read(texts: tuple[str, str], tmp_path: Path) -> None:

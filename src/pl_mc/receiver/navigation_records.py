@@ -22,7 +22,7 @@ from numpy.typing import NDArray
 from pl_mc.geometry.gps_time import GPS_EPOCH
 from pl_mc.input_errors import InputError
 from pl_mc.receiver.rinex_text import RinexText, label_of, listed, read_rinex_text
-from pl_mc.receiver.signals import FDMA, GROUP_DELAYS, LNAV, OWN_GROUP_DELAYS, SYSTEMS, Observable
+from pl_mc.receiver.signals import FDMA, FNAV, GROUP_DELAYS, INAV, LNAV, OWN_GROUP_DELAYS, SYSTEMS, Observable
 from pl_mc.runtime import sidereon_adapter as library
 
 # What the elements of an orbit can be: the widest reach of their bits, angles up to a turn.
@@ -50,6 +50,8 @@ _CLOCK: Mapping[str, tuple[float, float]] = {"af0": (-1e-3, 1e-3), "af1": (-4e-9
 _CLOCK_GALILEO: Mapping[str, tuple[float, float]] = {
     "af0": (-0.063, 0.063), "af1": (-1.5e-8, 1.5e-8), "af2": (-6e-17, 6e-17),
 }  # fmt: skip
+
+_NEITHER = "its data sources name neither I/NAV nor F/NAV"
 
 # GLONASS: circles at 25,508 km; 3.6 km/s in space, with a clock of 22 bits of 2^-30 s (GLONASS ICD 5.1, table 4.5).
 _GLONASS_RADIUS_M, _FASTEST_M_S, _LARGEST_TAU_S = (2.5e7, 2.6e7), 4500.0, 2e-3
@@ -183,10 +185,13 @@ def _ephemerides(
     sound = []
     for record in read.records:
         letter = record.satellite[0]
-        if letter not in systems or record.message.label not in SYSTEMS[letter].messages:
+        message = _message(record) if letter in systems else ""
+        if not message:
+            if letter == "E" and letter in systems:
+                left_out.append(f"the record of {record.satellite} of {_where(file, record)} ({_NEITHER})")
             continue
         fault = _fault(record)
-        if fault and told is not None and SYSTEMS[letter].messages[record.message.label] not in told[letter]:
+        if fault and told is not None and message not in told[letter]:
             continue
         if fault:
             left_out.append(f"the record of {record.satellite} of {_where(file, record)} ({fault})")
@@ -259,6 +264,18 @@ def _without_misshapen(file: RinexText, systems: Sequence[str], left_out: list[s
     return body
 
 
+def _message(record: Any) -> str:
+    """The message of a record as it is called here; empty where it is not read.
+
+    Of Galileo that counts which the clock is of: its data sources have a bit for F/NAV, 8, and one for I/NAV, 9.
+    """
+    if record.satellite[0] == "E" and record.galileo_data_sources:
+        clocks = record.galileo_data_sources >> 8 & 0b11
+        if clocks in (0b01, 0b10):
+            return FNAV if clocks == 0b01 else INAV
+    return SYSTEMS[record.satellite[0]].messages.get(record.message.label, "")
+
+
 def _where(file: RinexText, record: Any) -> str:
     """Date of a record as it stands in its file, and its line where the form of the version tells."""
     date = GPS_EPOCH + timedelta(seconds=_clock_s(record) - SYSTEMS[record.satellite[0]].behind_gps_s)
@@ -273,7 +290,7 @@ def _fault(record: Any) -> str:
     system, name = SYSTEMS[record.satellite[0]], record.satellite
     if not 1 <= int(name[1:]) <= system.highest_number:
         return "there is no such satellite"
-    message = system.messages[record.message.label]
+    message = _message(record)
     clock = _CLOCK_GALILEO if name[0] == "E" else _CLOCK
     for part, ranges in ((record.elements, _ELEMENTS), (record.clock, clock)):
         for field, (low, high) in ranges.items():
@@ -312,7 +329,7 @@ def _ephemeris(record: Any) -> Ephemeris:
     accuracy_m = record.sv_accuracy_m
     return Ephemeris(
         name=record.satellite,
-        message=system.messages[record.message.label],
+        message=_message(record),
         toe_gps_s=toe_s,
         sent_gps_s=sent_s,
         health=int(record.sv_health),

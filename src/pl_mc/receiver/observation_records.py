@@ -209,10 +209,10 @@ def _first_with_values(file: RinexText, read: Any, signal: Signal, listed_codes:
 
 def _combined(ranges_m: Sequence[Mapping[str, float]], chosen: _Chosen) -> dict[str, float]:
     """What is made of the pseudoranges of an epoch's satellites [m]; NaN where one of two is missing."""
+    coefficients = {letter: observable.coefficients for letter, (observable, _) in chosen.items()}
     made = {}
     for name in dict.fromkeys(name for part in ranges_m for name in part):
-        coefficients = chosen[name[0]][0].coefficients
-        parts = zip(coefficients, ranges_m, strict=False)
+        parts = zip(coefficients[name[0]], ranges_m, strict=False)
         made[name] = sum(coefficient * part.get(name, np.nan) for coefficient, part in parts)
     return made
 

@@ -203,7 +203,7 @@ class System:
 # where 3.03 and later have B1C. B1C and B2a have delays of their own, which D1 and D2 do not send.
 # QZSS: as GPS, with L2C for L2 P(Y) (IS-QZSS-PNT-005); its health in LNAV begins with the bits of L1, L1 C/A, L2C, L5.
 # GLONASS: carriers of channel 0; those of the others are in the same ratio of 9 to 7, and their ionosphere differs by
-# under half a percent. Receivers delay channels differently, by a few metres (Wanninger 2012), and what G2 is behind G1
+# under half a percent. Receivers delay channels differently, by metres, and how far G2 is behind G1
 # few messages say: neither is corrected, and satellites lie up to 3 m off in the data that the tests read. A record is
 # for a quarter of an hour before and after its time (GLONASS ICD 5.1, 4.4).
 # L1C of GPS and E1 are read of pilot and data as of the pilot.
