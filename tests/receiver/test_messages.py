@@ -317,3 +317,24 @@ def test_an_unhealthy_satellite_of_glonass(texts: tuple[str, str], tmp_path: Pat
     paths = write(tmp_path, (texts[0], set_field(texts[1], "R04", "FDMA", 1, 3, 1.0)))
     data = read_rinex(*paths, systems=("R",), ionosphere="none")
     assert data.unhealthy[0, data.names.index("R04")]
+
+
+def test_a_phone_with_l5_and_no_isc(texts: tuple[str, str], tmp_path: Path) -> None:
+    """GPS C1C and C5Q alone, with LNAV: Galileo is read of two carriers, and what GPS lacks is said."""
+    header, body = texts[0].split("END OF HEADER", 1)
+    header = re.sub(r"^G   11.*$", f"{'G    2 C1C C5Q':60}SYS / # / OBS TYPES", header, flags=re.M)
+    # C5Q is the sixth value.
+    body = re.sub(r"^(G\d\d.{16}).{64}(.{16}).*$", r"\1\2", body, flags=re.M)
+    paths = write(tmp_path, (f"{header}END OF HEADER{body}", texts[1]))
+    wanting = r"no group delay of GPS L1 C/A \+ L5 \(TGD and ISC L1C/A and ISC L5Q5 of CNAV\)"
+    data = read_rinex(*paths, systems=None, ionosphere="dual")
+    assert "G" not in data.systems
+    assert any(re.search(wanting, note) for note in data.notes)
+    with pytest.raises(InputError, match=wanting):
+        read_rinex(*paths, systems=("G",), ionosphere="dual")
+    with pytest.raises(InputError, match=r"no group delay of GPS L5 \(TGD and ISC L5Q5 of CNAV\)"):
+        read_rinex(*paths, systems=("G",), signals=("L5",))
+    with pytest.raises(InputError, match=r"no group delay of BeiDou B1C \(TGD B1Cp of B-CNAV1\)"):
+        read_rinex(*paths, systems=("C",), signals=("B1C",))
+    with_isc = write(tmp_path, (f"{header}END OF HEADER{body}", with_cnav(texts[1])))
+    assert read_rinex(*with_isc, systems=("G",), ionosphere="dual").observables["G"].name == "L1 C/A + L5"

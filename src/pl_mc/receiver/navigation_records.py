@@ -112,11 +112,13 @@ class Navigation:
     Attributes:
         ephemerides: of each satellite by reference time; of equal ones of a message the one that was sent last.
         klobuchar: (8,) coefficients alpha and beta of the ionosphere by system letter, G and C.
+        systems: letters of those that they have sound or damaged records of, asked for or not.
         notes: sentences about what was left out.
     """
 
     ephemerides: Mapping[str, tuple[Ephemeris, ...]]
     klobuchar: Mapping[str, NDArray[np.float64]]
+    systems: frozenset[str]
     notes: tuple[str, ...]
 
     def message_for(self, observable: Observable) -> str:
@@ -152,20 +154,21 @@ def read_navigation(
     records: list[Ephemeris] = []
     klobuchar: dict[str, NDArray[np.float64]] = {}
     notes: list[str] = []
+    letters: set[str] = set()
     for path in paths:
         file = read_rinex_text(path, "navigation")
-        found, left_out = _ephemerides(file, systems, told)
+        found, left_out = _ephemerides(file, systems, told, letters)
         records += found
         for letter, one in _klobuchar(file, left_out).items():
             if letter not in klobuchar or (one.any() and not klobuchar[letter].any()):
                 klobuchar[letter] = one
         if left_out:
             notes.append(f"Left out of {file.path.name}: {listed(left_out)}.")
-    return Navigation(_merged(records), klobuchar, tuple(notes))
+    return Navigation(_merged(records), klobuchar, frozenset(letters), tuple(notes))
 
 
 def _ephemerides(
-    file: RinexText, systems: Sequence[str], told: Mapping[str, Collection[str]] | None
+    file: RinexText, systems: Sequence[str], told: Mapping[str, Collection[str]] | None, letters: set[str]
 ) -> tuple[list[Ephemeris], list[str]]:
     """The sound records of a file, and what is to be said of the others."""
     if file.generation == 2 and file.header[0][20] != "N":
@@ -176,6 +179,7 @@ def _ephemerides(
         read = library.navigation("\n".join((*file.header, *body, "")))
     except library.Unreadable as error:
         raise InputError(f"{file.path}: it cannot be read ({error}).") from None
+    letters.update(one.satellite[0] for one in (*read.records, *read.other) if one.satellite)
     first_line = file.before - len(file.header)
     left_out += [
         f"the record of {one.satellite or 'no satellite'} at line {first_line + one.line} ({one.message})"

@@ -199,23 +199,29 @@ def _used_systems(
     observed = {name[0] for name in observations.names}
     sent = {name[0] for name in navigation.ephemerides}
     for letter, every in candidates.items():
-        name = SYSTEM_NAMES[letter]
-        listed, names = observations.found.get(letter), " or ".join(one.name for one in every)
-        if listed is None:
+        name, listed = SYSTEM_NAMES[letter], observations.found.get(letter, ())
+        able = [one for one in every if navigation.message_for(one)]
+        # What is observed and cannot be corrected.
+        unable = [
+            one for one in every if one not in able and all(set(signal.codes) & set(listed) for signal in one.signals)
+        ]
+        if not listed:
             unobserved.append(f"no {name} ({letter})")
+        elif letter not in sent and (letter in observed or unable):
+            found = ", ".join(_system_name(key) for key in sorted(navigation.systems - {letter})) or "none"
+            missing.append((paths, f"it has no ephemeris of {name} that can be used; its systems: {found}"))
+        elif unable and (letter not in observed or not able):
+            names = " or ".join(one.name for one in unable)
+            missing.append((paths, f"it has no group delay of {name} {names} ({delays_needed(unable)})"))
         elif letter not in observed:
+            names = " or ".join(one.name for one in able or every)
             why = f"it holds no pseudorange of {name} {names}; it has {', '.join(listed)}"
             missing.append(([observations.path], why))
-        elif letter not in sent:
-            found = ", ".join(SYSTEM_NAMES[key] for key in sorted(sent)) or "none"
-            missing.append((paths, f"it has no ephemeris of {name} that can be used; its systems: {found}"))
-        elif not navigation.message_for(observations.observables[letter]):
-            missing.append((paths, f"it has no group delay of {name} {names} ({delays_needed(every)})"))
         else:
             used.append(letter)
     # What a receiver does not observe is worth a word where little is left.
     if unobserved and (asked or len(used) < 2):
-        found = ", ".join(f"{key} ({SYSTEM_NAMES[key]})" for key in observations.found) or "none that is read"
+        found = ", ".join(f"{key} ({_system_name(key)})" for key in observations.systems) or "none"
         missing.append(([observations.path], f"it has {' and '.join(unobserved)}; its systems are {found}"))
     if missing and (asked or not used):
         ways = f"; choose the systems {','.join(used)}" if used else ""
@@ -239,6 +245,10 @@ def _used_systems(
                 f"{SYSTEM_NAMES[letter]} {observable.name}: {said}; up to {left_m:.1f} m a satellite stays in."
             )
     return tuple(used), notes
+
+
+def _system_name(letter: str) -> str:
+    return SYSTEM_NAMES.get(letter) or {"S": "SBAS", "I": "NavIC"}.get(letter, "unknown")
 
 
 def _states(

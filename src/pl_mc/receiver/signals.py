@@ -317,4 +317,5 @@ def observables_of(system: str, *, dual: bool) -> tuple[Observable, ...]:
     # Of one band the later row first: P(Y), of which the clock of GPS is, before C/A.
     firsts = [one for one, is_near in zip(rows, near, strict=True) if is_near][::-1]
     others = [one for one, is_near in zip(rows, near, strict=True) if not is_near]
-    return tuple(Observable((first, other)) for other in others for first in firsts)
+    pairs = (Observable((first, other)) for other in others for first in firsts)
+    return tuple(pair for pair in pairs if pair.messages)
