@@ -7,7 +7,7 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 
-from pl_mc.engine.noise import LANES, epoch_key, unit_noise
+from pl_mc.kernels.noise import LANES, epoch_key, unit_noise
 from pl_mc.statistics.intervals import binomial_p_value
 
 BLOCKS, ROWS = 8, 24

@@ -8,7 +8,7 @@ import pytest
 import pl_mc
 from pl_mc.benchmark.batched_numpy import sweep_numpy
 from pl_mc.benchmark.problem import METHODS
-from pl_mc.engine.events import EVENTS
+from pl_mc.kernels.events import EVENTS
 from pl_mc.statistics.intervals import binomial_p_value
 
 DRAWS = 512

@@ -155,6 +155,50 @@ def test_several_navigation_files_and_no_ionosphere(tmp_path: Path, capsys: pyte
     assert not (tmp_path / "no").exists()
 
 
+def test_systems_signals_carriers_and_methods_with_options(
+    tmp_path: Path, data_folder: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    names = "KMS300DNK_R_20221591000_01H_30S_MO.crx", "KMS300DNK_R_20221591000_01H_MN.rnx.gz"
+    files = [str(data_folder / name) for name in names]
+    options = ["--truth", "3516213.4380,781859.8595,5246037.9660", "--systems", "G,E", "--mask", "15"]
+    options += ["--ionosphere", "dual", "--signals", "E1+E5b", "--method", "igg3(k0=2, k1=6)", "--method", "ls"]
+    main(["observe", *files, *options, "--out", str(tmp_path / "out")])
+    said = " ".join(capsys.readouterr().out.split())
+    assert "GPS L1 P(Y) + L2 P(Y), Galileo E1 + E5b, ionosphere dual, mask 15 deg" in said
+    record = json.loads((tmp_path / "out" / "manifest.json").read_text())["experiment"]
+    assert record["signals"] == ["E1+E5b"]
+    assert record["methods"][0]["k0"] == 2
+    main(["run", str(tmp_path / "out" / "manifest.json"), "--out", str(tmp_path / "again")])
+    one, other = (pd.read_csv(tmp_path / name / "epochs.csv") for name in ("out", "again"))
+    pd.testing.assert_frame_equal(one, other)
+    # Two carriers are noisier, which their levels say.
+    main(["observe", *files, *options[:6], "--out", str(tmp_path / "single")])
+    single = pd.read_csv(tmp_path / "single" / "epochs.csv")
+    assert one[one.method == "ls"].vpl_m.median() > 1.1 * single[single.method == "ls"].vpl_m.median()
+
+
+@pytest.mark.parametrize(
+    ("options", "words"),
+    [
+        (["--signals", "L9"], "signals: 'L9' is not read of"),
+        (["--signals", "L1+L2"], "two with the ionosphere dual"),
+        (["--signals", "L1+L2", "--ionosphere", "dual"], "holds no pseudorange of GPS L1 C/A + L2 P(Y); it has C1C"),
+        (["--method", "igg3(k0=2"], "the form igg3(k0=2, k1=6) is needed"),
+        (["--method", "igg3(k9=2)"], "k9"),
+        (["--method", "igg3(name='ls')"], "no option of that name"),
+    ],
+)
+def test_signals_and_options_that_are_refused(
+    options: list[str], words: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    with pytest.raises(SystemExit) as stop:
+        main(["observe", *small(), "--truth", TRUTH, "--systems", "G", *options, "--out", str(tmp_path / "out")])
+    assert stop.value.code == 2
+    said = capsys.readouterr().err
+    assert words in " ".join(said.split())
+    assert len(said.strip().splitlines()) == 1
+
+
 def test_no_solution_is_exit_2_with_the_reason(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     observations, navigation = small()
     lines = Path(navigation).read_text().splitlines(keepends=True)

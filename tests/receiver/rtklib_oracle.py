@@ -31,6 +31,7 @@ class Signal(NamedTuple):
 
 FIRST = {"G": Signal("L1C"), "C": Signal("L2I"), "E": Signal("L1C", bit=9, delays=(0.0, 1.0))}
 QZSS = {"J": Signal("L1C")}
+GLONASS = {"R": Signal("L1C", delays=(0.0, 0.0))}
 # Galileo's E5a by F/NAV: its delay is that of E1 times the ratio of squared carriers.
 E5A = {"E": Signal("L5Q", 2, 8, ((154 / 115) ** 2, 0.0))}
 E5B = {"E": Signal("L7Q", 1, 9, (0.0, (154 / 118) ** 2))}
@@ -64,6 +65,9 @@ def rtklib_states(
         toe_s = _gps_s(record.toe)
         if toe_s not in same or _gps_s(record.ttr) >= _gps_s(same[toe_s].ttr):
             same[toe_s] = record
+    for index in range(sent.ng if "R" in signals else 0):
+        record = sent.geph[index]
+        by_satellite.setdefault(record.sat, {})[_gps_s(record.toe)] = record
     names: dict[int, str] = {}
     found: dict[tuple, State] = {}
     times: dict[float, int] = {}
@@ -82,7 +86,7 @@ def rtklib_states(
         past = [toe for toe in records if toe < time_s] if name[0] == "E" else []
         # Of two equally near the later one.
         toe_s = max(past) if past else min(records, key=lambda toe: (abs(toe - time_s), -toe))
-        window_s = WINDOW_S * (2 if name[0] == "E" else 1)
+        window_s = WINDOW_S * {"E": 2.0, "R": 0.125}.get(name[0], 1.0)
         if abs(toe_s - time_s) <= window_s and records[toe_s].svh == 0:
             found[time_s, name] = _state(rtklib, records[toe_s], item.time, range_m, signal)
     return found
@@ -90,6 +94,11 @@ def rtklib_states(
 
 def _state(rtklib: Any, record: Any, received: Any, pseudorange_m: float, signal: Signal) -> State:
     shown = rtklib.timeadd(received, -pseudorange_m / C)
+    if signal is GLONASS["R"]:
+        sent = rtklib.timeadd(shown, -rtklib.geph2clk(shown, record))
+        position, clock_s, variance = rtklib.Arr1Ddouble(3), rtklib.Arr1Ddouble(1), rtklib.Arr1Ddouble(1)
+        rtklib.geph2pos(sent, record, position, clock_s, variance)
+        return (position[0], position[1], position[2]), C * clock_s[0]
     sent = rtklib.timeadd(shown, -rtklib.eph2clk(shown, record))
     position, clock_s, variance = rtklib.Arr1Ddouble(3), rtklib.Arr1Ddouble(1), rtklib.Arr1Ddouble(1)
     rtklib.eph2pos(sent, record, position, clock_s, variance)
@@ -99,10 +108,12 @@ def _state(rtklib: Any, record: Any, received: Any, pseudorange_m: float, signal
 
 
 def _of_version_3(text: str) -> str:
-    """RTKLIB does not know RINEX 4: its records of LNAV, D1, D2, I/NAV and F/NAV as RINEX 3."""
+    """RTKLIB does not know RINEX 4: its records of LNAV, D1, D2, I/NAV, F/NAV and FDMA as RINEX 3."""
     if not text.lstrip().startswith("4"):
         return text
-    records = re.findall(r"^> EPH (?:G\d\d LNAV|C\d\d D[12]|E\d\d [IF]NAV) *\n((?:[^>].*\n)*)", text, flags=re.M)
+    records = re.findall(
+        r"^> EPH (?:G\d\d LNAV|C\d\d D[12]|E\d\d [IF]NAV|R\d\d FDMA) *\n((?:[^>].*\n)*)", text, flags=re.M
+    )
     head = f"{'3.05':>9}{'':11}{'NAVIGATION DATA':20}{'M':20}RINEX VERSION / TYPE\n{'':60}END OF HEADER\n"
     return head + "".join(records)
 

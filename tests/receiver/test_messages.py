@@ -15,6 +15,7 @@ from pl_mc.error_models import Sky, error_model
 from pl_mc.error_models.base import sigma_of_signal_m
 from pl_mc.input_errors import InputError
 from pl_mc.receiver import ReceiverData, read_receiver_series, read_rinex, read_truth
+from pl_mc.receiver.navigation_records import read_navigation
 from pl_mc.receiver.signals import LNAV, Observable, observables_of, signals_of
 
 KMS = "KMS300DNK_R_20221591000_01H_30S_MO.crx", "KMS300DNK_R_20221591000_01H_MN.rnx.gz"
@@ -111,6 +112,37 @@ def test_what_has_no_accuracy_is_left_out(texts: tuple[str, str], tmp_path: Path
         data = read_rinex(*paths, systems=("E",), ionosphere="none")
         assert data.unpredicted[0, data.names.index("E07")] == left_out
         assert "E07" in used(read_rinex(*paths, systems=("E",), signals=("E5a",), ionosphere="none"))
+
+
+@pytest.mark.parametrize(
+    ("sources", "message"),
+    [
+        (513.0, "I/NAV"),
+        (516.0, "I/NAV"),
+        (512.0, "I/NAV"),
+        (258.0, "F/NAV"),
+        (514.0, "I/NAV"),
+        (257.0, "F/NAV"),
+        (0.0, "I/NAV"),
+    ],
+)
+def test_the_message_of_galileo_is_that_of_its_clock(
+    sources: float, message: str, texts: tuple[str, str], tmp_path: Path
+) -> None:
+    """Bits 8 and 9 of the data sources say which clock a record has; where they do not, what RINEX 4 announces."""
+    inav = re.sub(r"> EPH E\d\d FNAV *\n(?:[^>].*\n){8}", "", texts[1])
+    path = write(tmp_path, (texts[0], set_field(inav, "E07", "INAV", 5, 1, sources)))[1]
+    navigation = read_navigation([path], ("E",))
+    assert {one.message for one in navigation.ephemerides["E07"]} == {message}
+    assert navigation.notes == ()
+    if not sources:
+        records = re.findall(r"> EPH E07 INAV *\n((?:[^>].*\n){8})", set_field(inav, "E07", "INAV", 5, 1, sources))
+        head = f"{'3.05':>9}{'':11}{'NAVIGATION DATA':20}{'M':20}RINEX VERSION / TYPE\n{'':60}END OF HEADER\n"
+        path.write_text(head + "".join(records))
+        older = read_navigation([path], ("E",))
+        assert older.ephemerides == {}
+        assert "the record of E07 of 2022-06-08" in older.notes[0]
+        assert "its data sources name neither I/NAV nor F/NAV" in older.notes[0]
 
 
 def test_a_signal_without_its_message_is_not_read(texts: tuple[str, str], tmp_path: Path) -> None:
@@ -246,3 +278,63 @@ def test_sigma_of_other_signals() -> None:
     constant = error_model("constant")
     both = sigma_of_signal_m(constant, sky, noise=np.array(2.978), ionosphere=np.array(0.0))
     assert both == pytest.approx(2.978 * constant.sigma_m(sky), rel=1e-12)
+
+
+def test_glonass_is_read_where_it_is_asked_for(texts: tuple[str, str], tmp_path: Path) -> None:
+    paths = write(tmp_path, texts)
+    assert "R" not in read_rinex(*paths).systems
+    data = read_rinex(*paths, systems=("R",), ionosphere="none")
+    assert {"R04", "R20"} <= used(data)
+    assert set(data.orbits) == {"GLO"}
+    bound = "FDMA does not send all of its group delays, and none between the receiver's channels is known"
+    assert data.notes[0] == f"GLONASS G1: {bound}; up to 3.0 m a satellite stays in."
+
+
+@pytest.mark.parametrize(
+    ("row", "column", "text", "told"),
+    [
+        (1, 0, " 1.0x0000000000E+04", "is not a number of 19 columns"),
+        (1, 0, " 1.000000000000E+01", "no satellite is there"),
+        (1, 1, " 9.000000000000E+00", "no satellite is there, is so fast"),
+    ],
+)
+def test_damaged_records_of_glonass(
+    row: int, column: int, text: str, told: str, texts: tuple[str, str], tmp_path: Path
+) -> None:
+    lines = texts[1].split("\n")
+    for k in [k for k, line in enumerate(lines) if line.startswith("> EPH R04")]:
+        at = 4 + 19 * column
+        lines[k + 1 + row] = lines[k + 1 + row][:at] + text + lines[k + 1 + row][at + 19 :]
+    data = read_rinex(*write(tmp_path, (texts[0], "\n".join(lines))), systems=("R",), ionosphere="none")
+    assert "R04" not in used(data)
+    assert data.no_ephemeris[:, data.names.index("R04")].any()
+    assert "the record of R04 at line" in data.notes[0]
+    assert told in data.notes[0]
+
+
+def test_an_unhealthy_satellite_of_glonass(texts: tuple[str, str], tmp_path: Path) -> None:
+    """Bn is the fourth number of the second line."""
+    paths = write(tmp_path, (texts[0], set_field(texts[1], "R04", "FDMA", 1, 3, 1.0)))
+    data = read_rinex(*paths, systems=("R",), ionosphere="none")
+    assert data.unhealthy[0, data.names.index("R04")]
+
+
+def test_a_phone_with_l5_and_no_isc(texts: tuple[str, str], tmp_path: Path) -> None:
+    """GPS C1C and C5Q alone, with LNAV: Galileo is read of two carriers, and what GPS lacks is said."""
+    header, body = texts[0].split("END OF HEADER", 1)
+    header = re.sub(r"^G   11.*$", f"{'G    2 C1C C5Q':60}SYS / # / OBS TYPES", header, flags=re.M)
+    # C5Q is the sixth value.
+    body = re.sub(r"^(G\d\d.{16}).{64}(.{16}).*$", r"\1\2", body, flags=re.M)
+    paths = write(tmp_path, (f"{header}END OF HEADER{body}", texts[1]))
+    wanting = r"no group delay of GPS L1 C/A \+ L5 \(TGD and ISC L1C/A and ISC L5Q5 of CNAV\)"
+    data = read_rinex(*paths, systems=None, ionosphere="dual")
+    assert "G" not in data.systems
+    assert any(re.search(wanting, note) for note in data.notes)
+    with pytest.raises(InputError, match=wanting):
+        read_rinex(*paths, systems=("G",), ionosphere="dual")
+    with pytest.raises(InputError, match=r"no group delay of GPS L5 \(TGD and ISC L5Q5 of CNAV\)"):
+        read_rinex(*paths, systems=("G",), signals=("L5",))
+    with pytest.raises(InputError, match=r"no group delay of BeiDou B1C \(TGD B1Cp of B-CNAV1\)"):
+        read_rinex(*paths, systems=("C",), signals=("B1C",))
+    with_isc = write(tmp_path, (f"{header}END OF HEADER{body}", with_cnav(texts[1])))
+    assert read_rinex(*with_isc, systems=("G",), ionosphere="dual").observables["G"].name == "L1 C/A + L5"

@@ -37,9 +37,9 @@ def hour(data_folder: Path, tmp_path_factory: pytest.TempPathFactory) -> Path:
     return path
 
 
-def errors_m(hour: Path, data_folder: Path, system: str) -> dict[tuple[int, str], float]:
+def errors_m(hour: Path, data_folder: Path, system: str, **options: object) -> dict[tuple[int, str], float]:
     """Pseudorange errors by epoch and satellite [m]."""
-    series = read_receiver_series(hour, data_folder / ESBC[1], read_truth(TRUTH), systems=(system,))
+    series = read_receiver_series(hour, data_folder / ESBC[1], read_truth(TRUTH), systems=(system,), **options)
     g = series.geometry
     return {
         (int(epoch), g.names[g.satellite[epoch, row]]): float(series.errors_m[epoch, row])
@@ -72,6 +72,13 @@ def test_a_row_is_all_that_a_signal_needs(
     monkeypatch.setattr(signals, "SIGNALS", (replace(signal, group_delays=wrong), *SIGNALS))
     worse_m = differences(errors_m(hour, data_folder, signal.system), usual)
     assert np.std(worse_m) > 1.2 * np.std(difference_m)
+
+
+def test_a_new_row_is_combined_with_others_too(hour: Path, data_folder: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """B1I with a row for B2I is what the row of the table gives."""
+    usual = errors_m(hour, data_folder, "C", signals=("B1I+B2I",), ionosphere="dual")
+    monkeypatch.setattr(signals, "SIGNALS", (*SIGNALS, replace(B2I, name="B2 new")))
+    assert errors_m(hour, data_folder, "C", signals=("B1I+B2 new",), ionosphere="dual") == usual
 
 
 def test_the_delay_of_the_ionosphere_is_inverse_to_the_square_of_the_carrier() -> None:

@@ -122,7 +122,7 @@ def observe(
     systems: str | None = None,
     signals: str | None = None,
     fault: Annotated[tuple[str, ...], Several] = (),
-    mask_deg: Annotated[float, Parameter(allow_leading_hyphen=True)] = 10.0,
+    mask_deg: Annotated[float, Parameter(name=("--mask-deg", "--mask"), allow_leading_hyphen=True)] = 10.0,
     error_model: str = "residual",
     ionosphere: str = "broadcast",
     method: Annotated[tuple[str, ...], Several] = ("ls", "igg3"),
@@ -145,8 +145,8 @@ def observe(
     truth
         The true position: `X,Y,Z` Earth-fixed [m], or a CSV file with a track.
     systems
-        Systems to use, RINEX letters: G (GPS), E (Galileo), C (BeiDou), J (QZSS), such as `G,E`; those of the first
-        three that the files have unless given.
+        Systems to use, RINEX letters: G (GPS), E (Galileo), C (BeiDou), R (GLONASS), J (QZSS), such as `G,E`;
+        those of the first three that the files have unless given.
     signals
         Other signals than L1 C/A, E1 and B1I, such as `L5,E5a`; with `--ionosphere dual` other pairs than the first
         that the files have, such as `E1+E5b,B1I+B2I`.
@@ -161,7 +161,7 @@ def observe(
         `broadcast`: corrected with the coefficients of the navigation files; `none`: its delay is left in;
         `dual`: pseudoranges of two carriers are combined so that it cancels, with their noise.
     method
-        A method; repeatable.
+        A method, `ls`, or one with options of its own, `igg3(k0=2, k1=6)`; repeatable.
     val, hal
         Vertical and horizontal alert limit [m], one or both; those of LPV-200 unless given.
     axes
@@ -186,7 +186,7 @@ def observe(
         "error_model": error_model,
         "ionosphere": ionosphere,
         "faults": fault,
-        "methods": [{"name": name} for name in method],
+        "methods": [_method(text) for text in method],
         **overrides(None, None, val, hal, () if axes is None else (axes,)),
     }
     record = build_experiment(content, source="observe")
@@ -239,6 +239,26 @@ def bench(
         seconds=seconds, precisions=precision, devices=devices, limit=limit, out=out, progress=progress
     )
     print(dumps(record.as_dict(), indent=2, ensure_ascii=False) if json else text)
+
+
+def _method(text: str) -> dict[str, Any]:
+    """A method by name, with its options as in a file: ``igg3(k0=2, k1=6)``."""
+    import tomllib
+
+    name, bracket, rest = text.strip().partition("(")
+    if not bracket:
+        return {"name": name}
+    try:
+        if not rest.endswith(")"):
+            raise ValueError
+        options = tomllib.loads(f"options = {{{rest[:-1]}}}")["options"]
+    except ValueError:
+        raise InputError(
+            f"method: {shown(text)} cannot be read; a name or the form igg3(k0=2, k1=6) is needed."
+        ) from None
+    if "name" in options:
+        raise InputError(f"method: {shown(text)} has its name before the bracket, and no option of that name.")
+    return {"name": name.strip(), **options}
 
 
 def _words(text: str | None) -> tuple[str, ...] | None:

@@ -45,7 +45,7 @@ SHARED: dict[str, str] = {
     "observations": "RINEX 2 (GPS alone), 3 or 4 observation file, plain, Hatanaka-compressed, .gz, .zip, .Z, .bz2",
     "navigation": "RINEX 2, 3 or 4 navigation file with broadcast ephemerides of that day, or a list of them",
     "truth": "the true position, Earth-fixed X,Y,Z in metres, or a CSV file with a track",
-    "systems": "systems to use: G (GPS), C (BeiDou), E (Galileo), J (QZSS); those of the first three unless given",
+    "systems": "systems to use: G (GPS), C (BeiDou), E (Galileo), R (GLONASS), J (QZSS); the first three unless given",
     "signals": "other signals than L1 C/A, B1I and E1, such as L5; pairs such as E1+E5b where two are combined",
     "ionosphere": "broadcast (coefficients of the navigation files), none (its delay is left in), dual (two carriers)",
     "satellite": "name of the biased satellite",

@@ -22,7 +22,7 @@ from numpy.typing import NDArray
 from pl_mc.geometry.gps_time import GPS_EPOCH
 from pl_mc.input_errors import InputError
 from pl_mc.receiver.rinex_text import RinexText, label_of, listed, read_rinex_text
-from pl_mc.receiver.signals import GROUP_DELAYS, LNAV, OWN_GROUP_DELAYS, SYSTEMS, Observable
+from pl_mc.receiver.signals import FDMA, FNAV, GROUP_DELAYS, INAV, LNAV, OWN_GROUP_DELAYS, SYSTEMS, Observable
 from pl_mc.runtime import sidereon_adapter as library
 
 # What the elements of an orbit can be: the widest reach of their bits, angles up to a turn.
@@ -50,6 +50,11 @@ _CLOCK: Mapping[str, tuple[float, float]] = {"af0": (-1e-3, 1e-3), "af1": (-4e-9
 _CLOCK_GALILEO: Mapping[str, tuple[float, float]] = {
     "af0": (-0.063, 0.063), "af1": (-1.5e-8, 1.5e-8), "af2": (-6e-17, 6e-17),
 }  # fmt: skip
+
+_NEITHER = "its data sources name neither I/NAV nor F/NAV"
+
+# GLONASS: circles at 25,508 km; 3.6 km/s in space, with a clock of 22 bits of 2^-30 s (GLONASS ICD 5.1, table 4.5).
+_GLONASS_RADIUS_M, _FASTEST_M_S, _LARGEST_TAU_S = (2.5e7, 2.6e7), 4500.0, 2e-3
 
 # Eight bits each of alpha and beta of the ionosphere (IS-GPS-200, table 20-X); BeiDou's reach as far.
 _LARGEST_KLOBUCHAR = 128 * np.array([2.0**-30, 2.0**-27, 2.0**-24, 2.0**-24, 2.0**11, 2.0**14, 2.0**16, 2.0**16])
@@ -107,11 +112,13 @@ class Navigation:
     Attributes:
         ephemerides: of each satellite by reference time; of equal ones of a message the one that was sent last.
         klobuchar: (8,) coefficients alpha and beta of the ionosphere by system letter, G and C.
+        systems: letters of those that they have sound or damaged records of, asked for or not.
         notes: sentences about what was left out.
     """
 
     ephemerides: Mapping[str, tuple[Ephemeris, ...]]
     klobuchar: Mapping[str, NDArray[np.float64]]
+    systems: frozenset[str]
     notes: tuple[str, ...]
 
     def message_for(self, observable: Observable) -> str:
@@ -147,20 +154,21 @@ def read_navigation(
     records: list[Ephemeris] = []
     klobuchar: dict[str, NDArray[np.float64]] = {}
     notes: list[str] = []
+    letters: set[str] = set()
     for path in paths:
         file = read_rinex_text(path, "navigation")
-        found, left_out = _ephemerides(file, systems, told)
+        found, left_out = _ephemerides(file, systems, told, letters)
         records += found
         for letter, one in _klobuchar(file, left_out).items():
             if letter not in klobuchar or (one.any() and not klobuchar[letter].any()):
                 klobuchar[letter] = one
         if left_out:
             notes.append(f"Left out of {file.path.name}: {listed(left_out)}.")
-    return Navigation(_merged(records), klobuchar, tuple(notes))
+    return Navigation(_merged(records), klobuchar, frozenset(letters), tuple(notes))
 
 
 def _ephemerides(
-    file: RinexText, systems: Sequence[str], told: Mapping[str, Collection[str]] | None
+    file: RinexText, systems: Sequence[str], told: Mapping[str, Collection[str]] | None, letters: set[str]
 ) -> tuple[list[Ephemeris], list[str]]:
     """The sound records of a file, and what is to be said of the others."""
     if file.generation == 2 and file.header[0][20] != "N":
@@ -171,6 +179,7 @@ def _ephemerides(
         read = library.navigation("\n".join((*file.header, *body, "")))
     except library.Unreadable as error:
         raise InputError(f"{file.path}: it cannot be read ({error}).") from None
+    letters.update(one.satellite[0] for one in (*read.records, *read.other) if one.satellite)
     first_line = file.before - len(file.header)
     left_out += [
         f"the record of {one.satellite or 'no satellite'} at line {first_line + one.line} ({one.message})"
@@ -180,16 +189,56 @@ def _ephemerides(
     sound = []
     for record in read.records:
         letter = record.satellite[0]
-        if letter not in systems or record.message.label not in SYSTEMS[letter].messages:
+        message = _message(record) if letter in systems else ""
+        if not message:
+            if letter == "E" and letter in systems:
+                left_out.append(f"the record of {record.satellite} of {_where(file, record)} ({_NEITHER})")
             continue
         fault = _fault(record)
-        if fault and told is not None and SYSTEMS[letter].messages[record.message.label] not in told[letter]:
+        if fault and told is not None and message not in told[letter]:
             continue
         if fault:
             left_out.append(f"the record of {record.satellite} of {_where(file, record)} ({fault})")
         else:
             sound.append(_ephemeris(record))
+    if "R" in systems:
+        sound += _glonass(file, body, left_out)
     return sound, left_out
+
+
+def _glonass(file: RinexText, body: Sequence[str], left_out: list[str]) -> list[Ephemeris]:
+    """The sound records of GLONASS, which the library reads one by one."""
+    sound = []
+    starts = [k for k, line in enumerate(body) if re.match(r"R[ \d]\d ", line, re.ASCII)]
+    for start in starts:
+        stop = next((k for k in range(start + 1, len(body)) if not body[k].startswith("    ")), len(body))
+        announced = [body[start - 1]] if start and body[start - 1].startswith(">") else []
+        where = f"the record of {body[start][:3]} at line {file.number(start)}"
+        try:
+            orbit = library.GlonassOrbit("\n".join((*file.header, *announced, *body[start:stop], "")))
+        except (library.Unreadable, ValueError) as error:
+            left_out.append(f"{where} ({error})")
+            continue
+        record = orbit.record
+        radius_m, speed_m_s = (float(np.linalg.norm(part)) for part in (record.position_m, record.velocity_m_s))
+        low, high = _GLONASS_RADIUS_M
+        if not (low < radius_m < high and speed_m_s < _FASTEST_M_S and abs(record.clock_bias_s) < _LARGEST_TAU_S):
+            left_out.append(f"{where} (no satellite is there, is so fast or has such a clock)")
+            continue
+        sound.append(
+            Ephemeris(
+                name=record.satellite,
+                message=FDMA,
+                toe_gps_s=orbit.toe_gps_s,
+                sent_gps_s=-math.inf,
+                health=0 if record.is_healthy else 1,
+                predicted=True,
+                group_delays_s={},
+                week_gps_s=orbit.toe_gps_s,
+                record=orbit,
+            )
+        )
+    return sound
 
 
 def _without_misshapen(file: RinexText, systems: Sequence[str], left_out: list[str]) -> list[str]:
@@ -219,6 +268,18 @@ def _without_misshapen(file: RinexText, systems: Sequence[str], left_out: list[s
     return body
 
 
+def _message(record: Any) -> str:
+    """The message of a record as it is called here; empty where it is not read.
+
+    Of Galileo that counts which the clock is of: its data sources have a bit for F/NAV, 8, and one for I/NAV, 9.
+    """
+    if record.satellite[0] == "E" and record.galileo_data_sources:
+        clocks = record.galileo_data_sources >> 8 & 0b11
+        if clocks in (0b01, 0b10):
+            return FNAV if clocks == 0b01 else INAV
+    return SYSTEMS[record.satellite[0]].messages.get(record.message.label, "")
+
+
 def _where(file: RinexText, record: Any) -> str:
     """Date of a record as it stands in its file, and its line where the form of the version tells."""
     date = GPS_EPOCH + timedelta(seconds=_clock_s(record) - SYSTEMS[record.satellite[0]].behind_gps_s)
@@ -233,7 +294,7 @@ def _fault(record: Any) -> str:
     system, name = SYSTEMS[record.satellite[0]], record.satellite
     if not 1 <= int(name[1:]) <= system.highest_number:
         return "there is no such satellite"
-    message = system.messages[record.message.label]
+    message = _message(record)
     clock = _CLOCK_GALILEO if name[0] == "E" else _CLOCK
     for part, ranges in ((record.elements, _ELEMENTS), (record.clock, clock)):
         for field, (low, high) in ranges.items():
@@ -272,7 +333,7 @@ def _ephemeris(record: Any) -> Ephemeris:
     accuracy_m = record.sv_accuracy_m
     return Ephemeris(
         name=record.satellite,
-        message=system.messages[record.message.label],
+        message=_message(record),
         toe_gps_s=toe_s,
         sent_gps_s=sent_s,
         health=int(record.sv_health),

@@ -73,7 +73,8 @@ class Observations:
         header_position_m: (3,), approximate position of the header [m]; NaN where absent.
         epochs_in_file: number of epochs of the file, with those that hold no pseudorange of the systems.
         events: those that move or change the antenna or the site.
-        found: what each system letter of the header is observed by, its codes.
+        found: what each system letter that is asked for is observed by, its codes.
+        systems: letters of all systems of the header.
         notes: sentences about what was left out or read in another way than usual.
     """
 
@@ -87,6 +88,7 @@ class Observations:
     epochs_in_file: int
     events: tuple[Event, ...]
     found: Mapping[str, tuple[str, ...]]
+    systems: tuple[str, ...]
     notes: tuple[str, ...]
 
 
@@ -154,6 +156,7 @@ def read_observations(file: RinexText, candidates: Mapping[str, Sequence[Observa
         epochs_in_file=len(epochs),
         events=_events(file, read, blocks, behind_s),
         found=found,
+        systems=tuple(dict.fromkeys(line[0] for line in file.labelled(COLUMNS[:1]) if line[0] != " ")) or tuple(found),
         notes=tuple(said),
     )
 
@@ -209,10 +212,10 @@ def _first_with_values(file: RinexText, read: Any, signal: Signal, listed_codes:
 
 def _combined(ranges_m: Sequence[Mapping[str, float]], chosen: _Chosen) -> dict[str, float]:
     """What is made of the pseudoranges of an epoch's satellites [m]; NaN where one of two is missing."""
+    coefficients = {letter: observable.coefficients for letter, (observable, _) in chosen.items()}
     made = {}
     for name in dict.fromkeys(name for part in ranges_m for name in part):
-        coefficients = chosen[name[0]][0].coefficients
-        parts = zip(coefficients, ranges_m, strict=False)
+        parts = zip(coefficients[name[0]], ranges_m, strict=False)
         made[name] = sum(coefficient * part.get(name, np.nan) for coefficient, part in parts)
     return made
 

@@ -79,8 +79,8 @@ def read_receiver_series(
     Args:
         obs_path, nav_path: RINEX files, of navigation one or several, see `pl_mc.receiver.rinex.read_rinex`.
         truth: the true position or track, see `pl_mc.receiver.truth.read_truth`.
-        systems: RINEX letters, G, C, E and J; clock columns come in this order. Unless given, those of the first three
-            that are there.
+        systems: RINEX letters, G, C, E, R and J; clock columns come in this order. Unless given, those of the first
+            three that are there.
         signals: which signals, or pairs of them, see `pl_mc.receiver.rinex.read_rinex`.
         mask_deg: lowest elevation [deg].
         error_model: a name or a model, for the standard deviations.

@@ -40,7 +40,7 @@ class ReceiverData:
         time_gps_s: (e,), epochs by the receiver's clock [s since 1980-01-06, GPS time].
         names: m satellites by RINEX name, GPS first.
         systems: m RINEX letters.
-        orbits: m classes of orbit: GPS (QZSS too), GAL, BDS-MEO, BDS-IGSO, BDS-GEO; empty without an ephemeris.
+        orbits: m classes of orbit: GPS (QZSS too), GAL, GLO, BDS-MEO, BDS-IGSO, BDS-GEO; or empty.
         observables: of each system letter, which signal its pseudoranges are of, or which two are combined.
         pseudorange_m: (e, m), of that signal, or of both without ionosphere [m]; NaN where missing.
         satellite_position_m: (e, m, 3), Earth-fixed at transmission time [m]; NaN without usable ephemeris.
@@ -101,8 +101,8 @@ def read_rinex(
     Args:
         observation_path: the observation file.
         navigation_path: the navigation file, or a sequence of them, whose messages are put together.
-        systems: RINEX letters; G (GPS), C (BeiDou), E (Galileo) and J (QZSS) are read. Those of the first three that
-            the files have unless given.
+        systems: RINEX letters; G (GPS), C (BeiDou), E (Galileo), R (GLONASS) and J (QZSS) are read. Those of the
+            first three that the files have unless given.
         signals: a signal for some of the systems, such as L5 or E5a, or two, such as E1+E5b, by the rows of
             `pl_mc.receiver.signals`. L1 C/A, B1I and E1 unless given; of two the first pair that the files have of
             L1 P(Y) or C/A and L2 P(Y), L2C or L5, B1I and B3I or B2I, E1 and E5a or E5b.
@@ -199,23 +199,29 @@ def _used_systems(
     observed = {name[0] for name in observations.names}
     sent = {name[0] for name in navigation.ephemerides}
     for letter, every in candidates.items():
-        name = SYSTEM_NAMES[letter]
-        listed, names = observations.found.get(letter), " or ".join(one.name for one in every)
-        if listed is None:
+        name, listed = SYSTEM_NAMES[letter], observations.found.get(letter, ())
+        able = [one for one in every if navigation.message_for(one)]
+        # What is observed and cannot be corrected.
+        unable = [
+            one for one in every if one not in able and all(set(signal.codes) & set(listed) for signal in one.signals)
+        ]
+        if not listed:
             unobserved.append(f"no {name} ({letter})")
+        elif letter not in sent and (letter in observed or unable):
+            found = ", ".join(_system_name(key) for key in sorted(navigation.systems - {letter})) or "none"
+            missing.append((paths, f"it has no ephemeris of {name} that can be used; its systems: {found}"))
+        elif unable and (letter not in observed or not able):
+            names = " or ".join(one.name for one in unable)
+            missing.append((paths, f"it has no group delay of {name} {names} ({delays_needed(unable)})"))
         elif letter not in observed:
+            names = " or ".join(one.name for one in able or every)
             why = f"it holds no pseudorange of {name} {names}; it has {', '.join(listed)}"
             missing.append(([observations.path], why))
-        elif letter not in sent:
-            found = ", ".join(SYSTEM_NAMES[key] for key in sorted(sent)) or "none"
-            missing.append((paths, f"it has no ephemeris of {name} that can be used; its systems: {found}"))
-        elif not navigation.message_for(observations.observables[letter]):
-            missing.append((paths, f"it has no group delay of {name} {names} ({delays_needed(every)})"))
         else:
             used.append(letter)
     # What a receiver does not observe is worth a word where little is left.
     if unobserved and (asked or len(used) < 2):
-        found = ", ".join(f"{key} ({SYSTEM_NAMES[key]})" for key in observations.found) or "none that is read"
+        found = ", ".join(f"{key} ({_system_name(key)})" for key in observations.systems) or "none"
         missing.append(([observations.path], f"it has {' and '.join(unobserved)}; its systems are {found}"))
     if missing and (asked or not used):
         ways = f"; choose the systems {','.join(used)}" if used else ""
@@ -232,12 +238,17 @@ def _used_systems(
         observable = observations.observables[letter]
         message = navigation.message_for(observable)
         left_m = observable.neglected_m(message)
-        if left_m > 0 and (len(observable.signals) > 1 or observable.signals[0] != signals_of(letter)[0]):
+        if left_m > 0 and (letter != "G" or len(observable.signals) > 1 or observable.signals[0] != signals_of("G")[0]):
+            between = ", and none between the receiver's channels is known" if letter == "R" else ""
+            said = f"{message} does not send all of its group delays{between}"
             notes.append(
-                f"{SYSTEM_NAMES[letter]} {observable.name}: {message} does not send all of its group delays; up to "
-                f"{left_m:.1f} m a satellite stays in."
+                f"{SYSTEM_NAMES[letter]} {observable.name}: {said}; up to {left_m:.1f} m a satellite stays in."
             )
     return tuple(used), notes
+
+
+def _system_name(letter: str) -> str:
+    return SYSTEM_NAMES.get(letter) or {"S": "SBAS", "I": "NavIC"}.get(letter, "unknown")
 
 
 def _states(
@@ -373,7 +384,7 @@ def _orbit(ephemerides: Sequence[Ephemeris]) -> str:
     if not ephemerides:
         return ""
     if ephemerides[0].name[0] != "C":
-        return "GAL" if ephemerides[0].name[0] == "E" else "GPS"
+        return {"E": "GAL", "R": "GLO"}.get(ephemerides[0].name[0], "GPS")
     elements = [one.record.elements for one in ephemerides]
     root_axis = float(np.median([one.sqrt_a for one in elements]))
     return bds_orbit(root_axis**2, float(np.median([one.i0 for one in elements])))

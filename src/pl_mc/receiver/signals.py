@@ -14,8 +14,8 @@ from dataclasses import dataclass, field
 from pl_mc.constants import BDT_BEHIND_GPS_S, FREQUENCY_B1I_HZ, FREQUENCY_L1_HZ, MOST_SATELLITES
 
 # Navigation messages, as they are called here.
-LNAV, CNAV, CNAV2, INAV, FNAV, D1_D2, B_CNAV1, B_CNAV2 = (
-    "LNAV", "CNAV", "CNAV-2", "I/NAV", "F/NAV", "D1/D2", "B-CNAV1", "B-CNAV2",
+LNAV, CNAV, CNAV2, INAV, FNAV, D1_D2, B_CNAV1, B_CNAV2, FDMA = (
+    "LNAV", "CNAV", "CNAV-2", "I/NAV", "F/NAV", "D1/D2", "B-CNAV1", "B-CNAV2", "FDMA",
 )  # fmt: skip
 
 # Group delays of the messages, by their names in the interface documents, and in the library of receiver files. What
@@ -201,6 +201,10 @@ class System:
 # of two components on its carrier: I, Q or X (both). RINEX 3.02 and some writers since name its codes after band 1,
 # where 3.03 and later have B1C. B1C and B2a have delays of their own, which D1 and D2 do not send.
 # QZSS: as GPS, with L2C for L2 P(Y) (IS-QZSS-PNT-005); its health in LNAV begins with the bits of L1, L1 C/A, L2C, L5.
+# GLONASS: carriers of channel 0; those of the others are in the same ratio of 9 to 7, and their ionosphere differs by
+# under half a percent. Receivers delay channels differently, by metres, and how far G2 is behind G1
+# few messages say: neither is corrected, and satellites lie up to 3 m off in the data that the tests read. A record is
+# for a quarter of an hour before and after its time (GLONASS ICD 5.1, 4.4).
 # L1C of GPS and E1 are read of pilot and data as of the pilot.
 SIGNALS: tuple[Signal, ...] = (
     Signal(
@@ -257,11 +261,13 @@ SIGNALS: tuple[Signal, ...] = (
         "J", "L2C", ("C2L", "C2X", "C2S"), _L2_HZ,
         {LNAV: {"TGD": _gamma(_L2_HZ)}, CNAV: {"TGD": 1.0, "ISC L2C": -1.0}}, {LNAV: 0b001_000},
     ),
+    Signal("R", "G1", ("C1C", "C1P"), 1_602.0e6, {FDMA: {}}, {FDMA: _ANY_BIT}, neglected_m={FDMA: 3.0}),
+    Signal("R", "G2", ("C2C", "C2P"), 1_246.0e6, {FDMA: {}}, {FDMA: _ANY_BIT}, neglected_m={FDMA: 3.0}),
     Signal("J", "L5", ("C5Q", "C5X", "C5I"), _L5_HZ, {CNAV: {"TGD": 1.0, "ISC L5Q5": -1.0}}, {LNAV: 0b000_100}),
 )  # fmt: skip
 
 # Systems that are read unless some are asked for; the few satellites of QZSS have a clock of their own and serve a
-# region. GLONASS is not read: the library has its records of position and velocity, and does not move them on.
+# region, and those of GLONASS have biases of metres.
 USUAL_SYSTEMS = ("G", "C", "E")
 
 # Windows: GPS half the fit interval of four hours (IS-GPS-200, 20.3.4.4), QZSS alike; BeiDou sends hourly messages
@@ -283,6 +289,7 @@ SYSTEMS: Mapping[str, System] = {
     "E": System(
         MOST_SATELLITES["E"], {"galileo_inav": INAV, "galileo_fnav": FNAV}, 14400.0, False, 60.0, 6.0, 1.2e-7, 0.0, 0,
     ),
+    "R": System(MOST_SATELLITES["R"], {}, 900.0, True, 0.0, 0.0, 0.0, 0.0, 0),
     "J": System(
         MOST_SATELLITES["J"], {"qzss_lnav": LNAV, "qzss_cnav": CNAV, "qzss_cnav2": CNAV2}, 7200.0, True, 16.0, 6144.0,
         1.2e-7, 0.0, 0,
@@ -309,4 +316,5 @@ def observables_of(system: str, *, dual: bool) -> tuple[Observable, ...]:
     # Of one band the later row first: P(Y), of which the clock of GPS is, before C/A.
     firsts = [one for one, is_near in zip(rows, near, strict=True) if is_near][::-1]
     others = [one for one, is_near in zip(rows, near, strict=True) if not is_near]
-    return tuple(Observable((first, other)) for other in others for first in firsts)
+    pairs = (Observable((first, other)) for other in others for first in firsts)
+    return tuple(pair for pair in pairs if pair.messages)

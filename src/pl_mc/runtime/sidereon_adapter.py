@@ -7,12 +7,15 @@ included, comes out as `Unreadable`.
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from typing import Any
+from typing import Any, NamedTuple
 
 # Its names of the systems that RINEX knows.
 SYSTEMS: Mapping[str, str] = {
     "G": "GPS", "C": "BEIDOU", "E": "GALILEO", "J": "QZSS", "R": "GLONASS", "I": "NAVIC", "S": "SBAS",
 }  # fmt: skip
+
+# The library counts seconds from 2000-01-01 12:00.
+_J2000_GPS_S = 630_763_200.0
 
 # Of what the library says of a text, so much is passed on.
 _LONGEST_REASON = 160
@@ -35,6 +38,41 @@ def observations(text: str) -> Any:
 def navigation(text: str) -> Any:
     """A ``RinexNavParse`` of RINEX text, versions 2, 3 and 4; records that cannot be read are listed in it."""
     return _call("parse_rinex_nav_lenient", text)
+
+
+class GlonassOrbit:
+    """A record of a GLONASS satellite, and where that satellite is at other times.
+
+    Attributes:
+        record: the library's record.
+        toe_gps_s: its reference time [s since 1980-01-06, GPS time].
+    """
+
+    def __init__(self, text: str) -> None:
+        (self.record,) = _call("parse_rinex_glonass_records", text)
+        self.toe_gps_s = float(self.record.toe_gpst_j2000_s) + _J2000_GPS_S
+        # The library's own choice among records leaves out those that are unhealthy, so there is one in each store.
+        self._store = _call("parse_rinex_nav", text)
+
+    def evaluate(self, since_toe_s: float) -> GlonassState:
+        """The state so many seconds after the reference time, by numerical integration (GLONASS ICD 5.1, A.3.1.2)."""
+        import numpy as np
+        import sidereon
+
+        at = np.array([self.record.toe_gpst_j2000_s + since_toe_s])
+        found = sidereon.observable_states_at_j2000_s(self._store, [self.record.satellite], at)
+        x_m, y_m, z_m = found.positions_ecef_m[0].tolist()
+        return GlonassState(x_m, y_m, z_m, float(found.clocks_s[0]), 0.0)
+
+
+class GlonassState(NamedTuple):
+    """Earth-fixed position [m] and clock [s], with the names that the library has for other systems."""
+
+    x_m: float
+    y_m: float
+    z_m: float
+    clock_polynomial_s: float
+    relativistic_clock_s: float
 
 
 def orbits(text: str) -> Any:
