@@ -160,10 +160,3 @@ def test_faults_as_text(g, text, expected):
 def test_text_that_is_no_fault(g, given, words):
     with pytest.raises(InputError, match=words):
         pl_mc.biases(g, given)
-
-
-def test_all_satellites_of_a_system_are_a_fault_of_one_epoch(series):
-    with pytest.raises(InputError, match=r"all satellites of G at once are a fault of one epoch, such as g\[0\]"):
-        pl_mc.biases(series, "G:+20m")
-    faults = pl_mc.biases(series[0], "G:+20m")
-    assert faults.labels[0].count("+20m") == sum(letter == "G" for letter in series[0].systems)

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 
 from pl_mc.input_errors import InputError, require_choice, require_list, require_positive, shown
@@ -15,6 +15,29 @@ _NONE_M = 1e300
 
 VERTICAL, HORIZONTAL, EITHER = "vertical", "horizontal", "either"
 AXES = (VERTICAL, HORIZONTAL, EITHER)
+
+
+@dataclass(frozen=True)
+class _Called:
+    """What texts and figures call the error of an axis, its size, its level and limit, and what its level promises."""
+
+    error: str
+    size: str
+    level: str
+    limit: str
+    multiplier: str
+    promise: float
+
+    @property
+    def promised(self) -> str:
+        """``1e-7``."""
+        return f"{self.promise:.0e}".replace("e-0", "e-")
+
+
+_CALLED = {
+    VERTICAL: _Called("vertical error", "|vertical error|", "VPL", "VAL", "K_V = 5.33", 1e-7),
+    HORIZONTAL: _Called("horizontal error", "horizontal error", "HPL", "HAL", "K_H = 6.18", 5e-9),
+}
 
 
 @dataclass(frozen=True)
@@ -74,8 +97,66 @@ class AlertLimits:
     @property
     def words(self) -> str:
         """``VAL 35 m, HAL 40 m``, of the limits that there are."""
-        letters = {VERTICAL: "VAL", HORIZONTAL: "HAL"}
-        return ", ".join(f"{letters[axis]} {limit:g} m" for axis, limit in self.limit_m.items())
+        return ", ".join(f"{_CALLED[axis].limit} {limit:g} m" for axis, limit in self.limit_m.items())
+
+
+@dataclass(frozen=True)
+class Judged:
+    """An axis and the limits that decide on it, in the words of texts and figures.
+
+    Attributes:
+        alert: limits, among them those of the axis.
+        axis: one of `AXES`.
+    """
+
+    alert: AlertLimits
+    axis: str = VERTICAL
+
+    @property
+    def called(self) -> tuple[_Called, ...]:
+        """The words of each of its errors, the vertical one first."""
+        return tuple(_CALLED[one] for one in judged_by(self.axis))
+
+    @property
+    def levels(self) -> tuple[tuple[str, str, float], ...]:
+        """Columns of its levels begin with ``vpl``, of the name ``VPL``; and the limit of each [m]."""
+        limits = (self.alert.limit_m[one] for one in judged_by(self.axis))
+        return tuple((one.level.lower(), one.level, limit) for one, limit in zip(self.called, limits, strict=True))
+
+    def limits(self, form: Callable[[float], str] = "{:g}".format) -> str:
+        """``VAL 35 m``."""
+        return ", ".join(
+            f"{one.limit} {form(limit)} m" for one, (_, _, limit) in zip(self.called, self.levels, strict=True)
+        )
+
+    @property
+    def alarm(self) -> str:
+        """``VPL > VAL``."""
+        return " or ".join(f"{one.level} > {one.limit}" for one in self.called)
+
+    @property
+    def beyond_limit(self) -> str:
+        """``|vertical error| > VAL``."""
+        return " or ".join(f"{one.size} > {one.limit}" for one in self.called)
+
+    @property
+    def beyond_level(self) -> str:
+        """``|vertical error| > VPL``."""
+        return " or ".join(f"{one.size} > {one.level}" for one in self.called)
+
+    def means(self, event: str) -> str:
+        """How an answer begins its sentence about alarms, misleading information or missed detections."""
+        if event == "alarm":
+            return "Alarms" if self.axis == VERTICAL else f"Alarms ({self.alarm})"
+        if event == "misleading":
+            errors = " or ".join(one.error for one in self.called)
+            its = "the" if len(self.called) == 1 else "its"
+            return f"Misleading information ({errors} beyond {its} protection level, no alarm)"
+        limits = [limit for _, _, limit in self.levels]
+        errors = " or ".join(
+            f"{one.error} beyond the alert limit of {limit:g} m" for one, limit in zip(self.called, limits, strict=True)
+        )
+        return f"Missed detections ({errors}, no alarm)"
 
 
 # ICAO Annex 10, vol. I, table 3.7.2.4-1; read in Li et al. 2020, Satellite Navigation 1:12, table 1. Of the
@@ -112,18 +193,22 @@ def as_limits(alert: str | AlertLimits) -> AlertLimits:
     return alert
 
 
-def as_alert(alert: str | AlertLimits) -> AlertLimits:
+def as_alert(alert: str | AlertLimits, *, horizontal_too: bool = False) -> AlertLimits:
     """Alert limits of which the vertical one decides, by name (``LPV-200``) or as a record.
 
+    Args:
+        alert: the limits.
+        horizontal_too: the horizontal limit decides something as well.
+
     Raises:
-        InputError: another name or type; no vertical limit; a horizontal limit that no operation here has: it was
-            chosen, and would be ignored.
+        InputError: another name or type; no vertical limit; a horizontal limit that no operation here has, where it
+            decides nothing: it was chosen, and would be ignored.
     """
     limits = as_limits(alert)
     if not limits.has_vertical:
         raise InputError(f"alert: {limits.name} has no vertical limit, which decides here (of {', '.join(BY_NAME)}).")
     known = sorted({one.horizontal_m for one in OPERATIONS.values() if one.horizontal_m is not None})
-    if limits.horizontal_m is not None and limits.horizontal_m not in known:
+    if not horizontal_too and limits.horizontal_m is not None and limits.horizontal_m not in known:
         raise InputError(
             f"alert.horizontal_m: {limits.horizontal_m:g} m would decide nothing here, where the vertical one decides "
             f"alone; leave it out, or take that of an operation ({', '.join(f'{one:g}' for one in known)})."

@@ -25,4 +25,4 @@ K_VERTICAL = 5.33
 K_HORIZONTAL = 6.18
 
 # Satellites that the names of a system can number, by RINEX letter (G07).
-MOST_SATELLITES = {"G": 32, "C": 63, "E": 36, "R": 27}
+MOST_SATELLITES = {"G": 32, "C": 63, "E": 36, "R": 27, "J": 10}

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import dataclasses
-from collections.abc import Hashable, Mapping
+from collections.abc import Callable, Hashable, Mapping
 from typing import Any
 
 from pl_mc.input_errors import InputError, nearest, require_choice, require_list, shown
@@ -32,7 +32,9 @@ def build_named(name: str, classes: Mapping[str, type], options: Mapping[str, An
     return cls(**{key: tuple(value) if isinstance(value, list) else value for key, value in options.items()})
 
 
-def as_records(items: Any, classes: Mapping[str, type], protocol: Any, *, what: str) -> tuple[Any, ...]:
+def as_records(
+    items: Any, classes: Mapping[str, type], protocol: Any, *, what: str, read: Callable[[Any], Any] | None = None
+) -> tuple[Any, ...]:
     """Names and records, made records; an `InputError` for none, for strangers and for two of one name.
 
     Args:
@@ -40,6 +42,7 @@ def as_records(items: Any, classes: Mapping[str, type], protocol: Any, *, what: 
         classes: frozen dataclasses by name.
         protocol: what every record has to be, a protocol or a union of them.
         what: what such a record is called.
+        read: makes what is used of a record that was given; the record itself unless given.
     """
     # One may stand alone.
     alone = isinstance(items, str | type | protocol)
@@ -53,6 +56,8 @@ def as_records(items: Any, classes: Mapping[str, type], protocol: Any, *, what: 
             raise InputError(f"{what}s: {item.__name__} is a class and no {what}; {item.__name__}() makes one.")
         if not isinstance(item, protocol) or not isinstance(item, Hashable):
             raise InputError(f"{what}s: {shown(item)} is no {what} (valid names: {', '.join(classes)}).")
+    if read is not None:
+        made = tuple(map(read, made))
     names = [str(item.name) for item in made]
     for name in names:
         if names.count(name) > 1:

@@ -11,12 +11,10 @@ import pandas as pd
 import pytest
 from matplotlib.figure import Figure
 
-from pl_mc.alert import LPV_200
+from pl_mc.alert import LPV_200, Judged
 from pl_mc.cli.main import main
 from pl_mc.experiments.checking import check_experiment
 from pl_mc.experiments.loading import build_experiment
-from pl_mc.injection import Injection, parse_injection
-from pl_mc.input_errors import InputError
 from pl_mc.report.run_folder import read_run_folder
 from pl_mc.studies.observe import STUDY
 from pl_mc.studies.observe.run import error_figure
@@ -93,7 +91,7 @@ def test_the_car_data_run(tmp_path: Path, data_folder: Path) -> None:
         (["--systems", "G,E"], "E"),
         (["--systems", "Q"], "Q"),
         (["--systems", "GC"], "the form is G,C on the command line"),
-        (["--ionosphere", "klobuchar"], "'broadcast' or 'none'"),
+        (["--ionosphere", "klobuchar"], "'broadcast', 'none' or 'dual'"),
         (["--method", "ls2"], "nearest: ls"),
     ],
 )
@@ -189,7 +187,7 @@ def drawn(count: int, step_s: float, largest_m: float) -> Figure:
         **{column: np.sin(epochs) for column in ("east_m", "north_m", "up_m")},
     })  # fmt: skip
     table.loc[2, "vpl_m"] = largest_m
-    return error_figure.__wrapped__(table, alert=LPV_200, title="A title of some length about a station")
+    return error_figure.__wrapped__(table, judged=Judged(LPV_200), title="A title of some length about a station")
 
 
 @pytest.mark.parametrize(
@@ -241,13 +239,35 @@ def test_a_check_names_every_missing_file_by_its_field(tmp_path: Path) -> None:
     ]
 
 
-def test_injections_are_read() -> None:
-    assert parse_injection("G02:+30m:545-645") == Injection("G02", 30.0, 545, 645)
-    assert parse_injection(" C11:-20.5 ") == Injection("C11", -20.5)
-    assert str(parse_injection("G02:+30m:545-645")) == "G02:+30m:545-645"
+def test_faults_of_a_receiver_in_time_and_drawn(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    ups, texts = [], ("none", "G07:+30m:1-1", "G:+50m", "G07+G13:+-20m", "G07:+1m/s")
+    for text in texts:
+        main(["observe", *small(), "--truth", TRUTH, "--fault", text, "--method", "ls", "--out", str(tmp_path / "out")])
+        table = pd.read_parquet(tmp_path / "out" / "epochs.parquet")
+        ups.append(table.up_m.to_numpy())
+        assert table.faulted.tolist() == [text not in ("none", "G07:+30m:1-1"), text != "none"]
+        assert f"Injected: {text}" in capsys.readouterr().out.replace("Injected: G07:+1m/s", "Injected: G07:+1m/s")
+    free, window, system, drawn, ramp = ups
+    assert window[0] == free[0]
+    assert abs(window[1] - free[1]) > 1.0
+    # A clock error, and nothing else.
+    np.testing.assert_allclose(system, free, atol=1e-6)
+    assert (np.abs(drawn - free) > 0.1).all()
+    assert ramp[0] == free[0]
+    assert abs(ramp[1] - free[1]) > 0.1
 
 
-@pytest.mark.parametrize("text", ["", "G02", "G02:m", "G02:3xm", "G02:nan:1-2", "G02:inf", "G02:3:5", "G02:3:9-5"])
-def test_other_injections_are_refused(text: str) -> None:
-    with pytest.raises(InputError, match="fault"):
-        parse_injection(text)
+@pytest.mark.parametrize(
+    ("text", "words"),
+    [
+        ("G07:+0m", "faults.0: bias of G07: a bias of size zero is no fault"), ("G07", "faults.0: 'G07' is no fault"),
+        ("E:+3m", "'E' is not in view"), ("G07:+3m:1-9", "fault G07:+3m:1-9: epochs run from 0 to 1."),
+    ],
+)  # fmt: skip
+def test_what_is_no_fault_of_a_receiver(
+    text: str, words: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    with pytest.raises(SystemExit) as stop:
+        main(["observe", *small(), "--truth", TRUTH, "--fault", text, "--out", str(tmp_path / "out")])
+    assert stop.value.code == 2
+    assert words in capsys.readouterr().err

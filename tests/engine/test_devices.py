@@ -100,7 +100,7 @@ def test_blocks_together_count_as_one_after_the_other():
     def count(first_block, stop, *, blocks: int, together: int) -> jax.Array:
         return count_events(
             batch, np.uint32(small.SEED), first_block, stop // LANES, stop % LANES,
-            limits_of(LPV_200, np.float64), methods=as_methods(("ls",)), axes=("vertical",), blocks=blocks,
+            limits_of(LPV_200, np.float64), as_methods(("ls",)), axes=("vertical",), blocks=blocks,
             together=together,
         )  # fmt: skip
 

@@ -11,7 +11,7 @@ import pytest
 
 import pl_mc
 from pl_mc.cli.main import main
-from pl_mc.experiments.loading import build_experiment
+from pl_mc.experiments.loading import build_experiment, load_experiment
 from pl_mc.input_errors import InputError
 
 CONTENT: dict[str, Any] = {
@@ -50,9 +50,6 @@ def test_limits_in_a_table_and_on_the_command_line(tmp_path: Path, monkeypatch: 
         ({"vertical_m": "20"}, "alert.vertical_m: a number is needed"),
         ({"vertical_m": -3.0}, "alert.vertical_m: an alert limit is positive and finite"),
         ({}, "alert: own limits has no limit"),
-        ({"horizontal_m": 7.0}, "alert: own limits has no vertical limit, which decides here"),
-        ({"vertical_m": 20.0, "horizontal_m": 7.0}, "alert.horizontal_m: 7 m would decide nothing here"),
-        ("RNP 0.1", "alert: RNP 0.1 has no vertical limit"),
         ("LPV200", "alert: 'LPV200' is unknown .nearest: LPV-200"),
     ],
 )
@@ -93,9 +90,65 @@ def test_a_limit_for_what_judges_by_none(capsys: pytest.CaptureFixture[str]) -> 
     assert "--val: an experiment of the kind guo judges by no alert limit." in capsys.readouterr().err
 
 
+@pytest.mark.parametrize(
+    ("alert", "words"),
+    [
+        ({"horizontal_m": 7.0}, "alert: own limits has no vertical limit, which decides here"),
+        ({"vertical_m": 20.0, "horizontal_m": 7.0}, "alert.horizontal_m: 7 m would decide nothing here"),
+        ("RNP 0.1", "alert: RNP 0.1 has no vertical limit"),
+    ],
+)
+def test_limits_of_a_kind_that_judges_vertically_alone(alert: Any, words: str) -> None:
+    record = load_experiment("zhao2021-static", {"alert": alert})[1]
+    with pytest.raises(InputError, match=words):
+        record.alert_limits()
+
+
+BOTH = {"vertical_m": 15.0, "horizontal_m": 10.0}
+
+
+@pytest.mark.parametrize(
+    ("change", "words"),
+    [
+        ({"axes": "vertical", "alert": "RNP 0.1"}, "axes: vertical needs a vertical limit, and RNP 0.1 has HAL 185 m"),
+        ({"axes": ["either"], "alert": {"vertical_m": 3}}, "axes: either needs a horizontal limit, and own limits has"),
+        ({"axes": "up"}, "axes: 'up' is unknown"),
+        ({"axes": []}, "axes: at least one is needed .of vertical, horizontal, either"),
+        ({"axes": ["vertical", "vertical"]}, "axes: each axis is judged once"),
+        ({"axes": 3}, "axes: a sequence of axes is needed"),
+    ],
+)
+def test_axes_that_cannot_be(change: dict[str, Any], words: str) -> None:
+    with pytest.raises(InputError, match=words) as caught:
+        build_experiment(CONTENT | change, source="test")
+    assert "\n" not in str(caught.value)
+    assert str(caught.value).count("axes:") == 1
+
+
+def test_kinds_that_take_no_axes_or_one_at_a_time() -> None:
+    with pytest.raises(InputError, match="axes: an experiment of this kind judges by the vertical limit, or by limits"):
+        load_experiment("zhao2021-static", {"axes": "horizontal"})
+    files = {"observations": "a", "navigation": "b", "truth": "1,2,3", "title": "t", "kind": "observe", "alert": BOTH}
+    with pytest.raises(InputError, match="axes: this kind of experiment judges by one axis at a time"):
+        build_experiment(files | {"axes": ["vertical", "horizontal"]}, source="test")
+    assert build_experiment(files | {"axes": "either"}, source="test").judged_axes() == ("either",)
+
+
+def test_the_axis_of_an_experiment() -> None:
+    for change, axes in (
+        ({}, ("vertical",)),
+        ({"alert": BOTH}, ("vertical",)),
+        ({"alert": {"horizontal_m": 7.0}}, ("horizontal",)),
+        ({"alert": "RNP 0.1"}, ("horizontal",)),
+        ({"alert": BOTH, "axes": "either"}, ("either",)),
+        ({"alert": BOTH, "axes": ["horizontal", "vertical"]}, ("horizontal", "vertical")),
+    ):
+        assert build_experiment(CONTENT | change, source="test").judged_axes() == axes
+
+
 def test_what_decides_vertically_alone_refuses_the_rest() -> None:
     g = pl_mc.simulate(epochs=1)[0]
     with pytest.raises(InputError, match="alert: NPA has no vertical limit, which decides here"):
-        pl_mc.worst_case(g, alert="NPA")
+        pl_mc.exposure(g, pl_mc.no_fault(g), tau_s=[30.0], draws=3, seed=1, alert="NPA")
     with pytest.raises(InputError, match=r"alert\.horizontal_m: 10 m would decide nothing here"):
-        pl_mc.calibrate(g, alert=pl_mc.AlertLimits("rail", vertical_m=15.0, horizontal_m=10.0))
+        pl_mc.tune(g, alert=pl_mc.AlertLimits("rail", vertical_m=15.0, horizontal_m=10.0))

@@ -18,11 +18,11 @@ import pandas as pd
 from numpy.random import Generator
 
 import pl_mc
+from pl_mc.faults import Bias, parse_fault
 from pl_mc.geometry.constellations import constellation_slots
 from pl_mc.geometry.flight import fly, survey_plan
 from pl_mc.geometry.gps_time import gps_seconds
 from pl_mc.geometry.sites import site_position_m
-from pl_mc.injection import parse_injection
 
 STRANGE: tuple[Any, ...] = (
     None, True, False, 0, -1, 1, 2, 10**30, -(10**30), 0.5, -0.0, math.nan, math.inf, -math.inf, 1e308, 5e-324,
@@ -128,9 +128,10 @@ def calls() -> Mapping[str, Call]:
         "pl_mc.detectors.satterthwaite": {"variance_1": 2.5, "variance_2": 4.5, "count_1": 8, "count_2": [9, 10]},
         "pl_mc.noise_model": {"name": "student_t", "nu": 5.0},
         "pl_mc.receiver.read_truth": {"text": "3582104.9,532590.2,5232755.3"},
-        "pl_mc.injection.parse_injection": {"text": "G02:+30m:545-645"},
+        "pl_mc.faults.parse_fault": {"text": "G02:+30m:545-645"},
+        "pl_mc.faults.fault_text": {"biases": parse_fault("G01:+3m")},
         "pl_mc.injection.inject": {
-            "g": series, "errors_m": np.zeros((1, len(g.names))), "injections": (parse_injection("G01:30m"),),
+            "g": series, "errors_m": np.zeros((1, len(g.names))), "faults": pl_mc.biases(series, "G01:30m"),
         },
         "pl_mc.araim.protection_levels": araim,
         "pl_mc.araim.fault_modes": {
@@ -183,6 +184,19 @@ def calls() -> Mapping[str, Call]:
         "pl_mc.Geometry.from_rows": Call(pl_mc.Geometry.from_rows, many),
         "pl_mc.Geometry[...]": Call(lambda index: series[index], {"index": 0}),
         "pl_mc.Faults.from_array": Call(pl_mc.Faults.from_array, {"g": g, "bias_m": np.eye(len(g.names))}),
+        "pl_mc.faults.Bias": Call(
+            Bias,
+            {
+                "of": ("G01", "G"),
+                "numbers": (5.0, 100.0),
+                "law": "uniform",
+                "either_sign": True,
+                "independent": False,
+                "per_second": False,
+                "first_epoch": 3,
+                "last_epoch": 5,
+            },
+        ),
         "pl_mc.AlertLimits": Call(pl_mc.AlertLimits, {"name": "mine", "vertical_m": 35.0, "horizontal_m": 40.0}),
         "site_position_m": Call(site_position_m, {"site": "CUT0"}),
         "gps_seconds": Call(gps_seconds, {"date": "2017-11-21"}),

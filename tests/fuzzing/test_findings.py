@@ -17,9 +17,9 @@ from pl_mc import methods
 from pl_mc.error_models import error_model
 from pl_mc.experiments.checking import check_experiment
 from pl_mc.experiments.loading import build_experiment
+from pl_mc.faults import parse_fault
 from pl_mc.geometry.flight import fly, survey_plan
 from pl_mc.geometry.gps_time import gps_seconds
-from pl_mc.injection import parse_injection
 from pl_mc.input_errors import InputError
 from pl_mc.report.run_folder import read_run_folder
 
@@ -259,8 +259,8 @@ ROWS: dict[str, Any] = {
         (lambda: pl_mc.reliability(G[0], p_fa=5e-324), "p_fa: 5e-324 is too small"),
         (lambda: pl_mc.exact.ls_rates(G[0], [np.nan]), "faults: use ramp, biases or no_fault to make faults"),
         (lambda: pl_mc.exact.ls_rates(G[0], pl_mc.no_fault(G[0]), alert=7), "alert: alert limits such as"),
-        (lambda: parse_injection(b"G01"), "satellite:bias:first-last is needed"),
-        (lambda: parse_injection("G01:1_0m"), "'1_0' is no number of metres"),
+        (lambda: parse_fault(b"G01"), "is no fault; the form is"),
+        (lambda: parse_fault("G01:1_0m"), "'G01:1_0m' is no fault; the form is"),
         (lambda: methods.method(np.zeros((2, 2))), r"is unknown"),
         (lambda: error_model(np.zeros(0)), "is unknown"),
         (lambda: gps_seconds(np.ones((2, 2))), "is not a date"),

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import re
+
 import numpy as np
 import pandas as pd
 import pytest
@@ -95,12 +97,23 @@ def test_a_small_budget_is_spent_on_searching(bias_m: float, most: int) -> None:
     assert row["evaluations"] + row["subset_evaluations"] <= most
 
 
-def test_a_budget_that_reached_nothing_says_which_one_would() -> None:
+@pytest.mark.parametrize(
+    ("satellite", "bias_m", "said"),
+    [("G06", 6.0, "nothing reached the event; 301308"), ("C05", 18.0, "nothing reached"), ("G06", 4.0, " 1 of 301308")],
+)
+def test_a_budget_that_did_not_do_says_which_one_will(satellite: str, bias_m: float, said: str) -> None:
+    """Between 3e-11 and 2e-7; the budget that the sentence names gives the exact risk without a warning."""
     g = pl_mc.simulate(site="CUT0", start="2017-11-21T00:00:00", constellations=("GPS", "BDS-2"), epochs=546)[545]
-    faults = pl_mc.biases(g, {"G01": 16.0})
-    row = risk(g, faults, seed=7, event="misleading", method="ls", max_evaluations=500_000, progress=False).iloc[0]
-    assert np.isnan(row["probability"])
-    assert "max_evaluations of 4,000,000, say" in row["warning"]
+    faults, options = pl_mc.biases(g, {satellite: bias_m}), {"seed": 7, "event": "misleading", "method": "ls"}
+    row = risk(g, faults, max_evaluations=500_000, progress=False, **options).iloc[0]
+    exact = pl_mc.exact.ls_rates(g, faults)["misleading_rate"][0]
+    assert said in row["warning"]
+    assert row["low"] <= exact <= row["high"]
+    (named,) = re.findall(r"max_evaluations of ([\d,]+), say", row["warning"])
+    assert named == "4,000,000"
+    row = risk(g, faults, max_evaluations=int(named.replace(",", "")), progress=False, **options).iloc[0]
+    assert row["warning"] == ""
+    assert abs(row["probability"] - exact) < DEVIATION * row["standard_error"]
 
 
 def test_estimates_that_a_test_tells_apart_make_one_interval() -> None:

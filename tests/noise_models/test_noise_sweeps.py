@@ -113,7 +113,7 @@ def test_the_limit_state_of_shaped_noise_is_that_of_the_sweep() -> None:
     numbers = unit_inputs(epoch_key(np.uint32(3), np.uint32(0)), np.int32(0), 2, 7, np.float64)
     points = np.concatenate([np.asarray(part).T for part in numbers], axis=1)
     batch = jax.tree.map(lambda part: np.asarray(part)[None], one)
-    (outcome,) = block_outcomes(batch, np.uint32(3), np.int32(0), methods=(method,), noise_model=noise)
+    (outcome,) = block_outcomes(batch, np.uint32(3), np.int32(0), (method,), noise_model=noise)
     outcome = jax.tree.map(lambda part: part[0, 0], outcome)
     np.testing.assert_allclose(limit(points), limit_state(outcome, 35.0, "misleading"), atol=1e-9)
     model, _ = prepare_epoch(one, (method,))

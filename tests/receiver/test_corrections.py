@@ -10,7 +10,7 @@ import pytest
 from receiver_files import ALPHA, BETA, WEEK, C, rtk_array
 
 from pl_mc.receiver.corrections import bds_klobuchar_delay_m, klobuchar_delay_m, line_of_sight, troposphere_delay_m
-from pl_mc.receiver.signals import signal_of
+from pl_mc.receiver.signals import signals_of
 
 SKIES = np.random.default_rng(7).uniform(
     [0.0, -np.pi / 2, -np.pi, 0.0, np.radians(3.0), -50.0],
@@ -79,8 +79,8 @@ def test_the_model_of_beidou_is_that_of_its_document() -> None:
 
 
 def test_the_ionosphere_scales_with_the_square_of_the_frequency() -> None:
-    assert signal_of("G").ionosphere_factor() == 1.0
-    assert signal_of("C").ionosphere_factor() == pytest.approx((1575.42 / 1561.098) ** 2, rel=1e-14)
+    assert signals_of("G")[0].ionosphere_factor() == 1.0
+    assert signals_of("C")[0].ionosphere_factor() == pytest.approx((1575.42 / 1561.098) ** 2, rel=1e-14)
 
 
 def test_saastamoinen_is_rtklibs() -> None:

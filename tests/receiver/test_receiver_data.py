@@ -10,7 +10,7 @@ import hatanaka
 import numpy as np
 import pytest
 from numpy.typing import NDArray
-from rtklib_oracle import differences, rtklib_states
+from rtklib_oracle import E5A, E5B, QZSS, Signal, differences, rtklib_states
 
 from pl_mc.receiver import ReceiverSeries, Truth, read_receiver_series, read_rinex, read_truth
 from pl_mc.receiver.rinex_text import read_rinex_text
@@ -69,6 +69,29 @@ def test_states_of_every_day_are_those_of_rtklib(
     count, position_m, clock_m = differences(states, data, every)
     assert count > 400
     # Times in seconds since 1980 resolve 2e-7 s, in which a satellite moves a millimetre.
+    assert position_m < 1e-3
+    assert clock_m < 1e-5
+
+
+@pytest.mark.parametrize(
+    ("files", "signal", "theirs", "every"),
+    [
+        (WHOLE, "E5a", E5A, 31),
+        (WHOLE, "E5b", E5B, 31),
+        (KMS, "E5a", E5A, 1),
+        (KMS, "E5b", E5B, 1),
+        (WHOLE, "L1", QZSS, 1),
+    ],
+)
+def test_states_of_other_signals_are_those_of_rtklib(
+    files: tuple[str, str], signal: str, theirs: dict[str, Signal], every: int, data_folder: Path, tmp_path: Path
+) -> None:
+    """E5a has the clock and the group delay of F/NAV, E5b those of I/NAV; QZSS is as GPS."""
+    paths = [data_folder / name for name in files]
+    data = read_rinex(*paths, systems=tuple(theirs), signals=(signal,))
+    states = rtklib_states(*paths, tmp_path, every=every, signals=theirs)
+    count, position_m, clock_m = differences(states, data, every)
+    assert count > 100
     assert position_m < 1e-3
     assert clock_m < 1e-5
 

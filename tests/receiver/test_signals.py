@@ -18,10 +18,12 @@ EPOCHS = 30
 F1, F2, B1, B2, B3 = 1575.42e6, 1227.60e6, 1561.098e6, 1207.14e6, 1268.52e6
 
 # IS-GPS-200, 20.3.3.3.3.2: a user of L2 alone takes gamma TGD from the clock, gamma the ratio of squared carriers.
-L2 = Signal("G", "L2 P(Y)", ("C2W",), (), F2, ((F1 / F2) ** 2, 0.0))
+L2 = Signal("G", "mine", ("C2W",), F2, {"LNAV": {"TGD": (F1 / F2) ** 2}}, {"LNAV": -1})
 # BDS-SIS-ICD-2.1, 5.2.4.10: the clock is that of B3I; B2I has a group delay of its own.
-B2I = Signal("C", "B2I", ("C7I",), (), B2, (0.0, 1.0))
-B3I = Signal("C", "B3I", ("C6I",), (), B3, (0.0, 0.0))
+B2I = Signal("C", "mine", ("C7I",), B2, {"D1/D2": {"TGD2": 1.0}}, {"D1/D2": -1})
+B3I = Signal("C", "mine", ("C6I",), B3, {"D1/D2": {}}, {"D1/D2": -1})
+
+FIRST_DELAY = {"LNAV": "TGD", "D1/D2": "TGD1"}
 
 
 @pytest.fixture(scope="module")
@@ -56,7 +58,7 @@ def differences(errors: dict[tuple[int, str], float], usual: dict[tuple[int, str
     return np.concatenate(parts)
 
 
-@pytest.mark.parametrize("signal", [L2, B2I, B3I], ids=lambda signal: signal.name)
+@pytest.mark.parametrize("signal", [L2, B2I, B3I], ids=["L2", "B2I", "B3I"])
 def test_a_row_is_all_that_a_signal_needs(
     hour: Path, data_folder: Path, monkeypatch: pytest.MonkeyPatch, signal: Signal
 ) -> None:
@@ -66,18 +68,19 @@ def test_a_row_is_all_that_a_signal_needs(
     # Another code with noise of its own, through an ionosphere that is not modelled to the decimetre.
     assert 0.05 < np.std(difference_m) < 4.0
     # With the group delays of the first signal, which are metres apart from satellite to satellite, it fits worse.
-    monkeypatch.setattr(signals, "SIGNALS", (replace(signal, group_delays=SIGNALS[0].group_delays), *SIGNALS))
+    wrong = {message: {name: 1.0} for message, name in FIRST_DELAY.items()}
+    monkeypatch.setattr(signals, "SIGNALS", (replace(signal, group_delays=wrong), *SIGNALS))
     worse_m = differences(errors_m(hour, data_folder, signal.system), usual)
     assert np.std(worse_m) > 1.2 * np.std(difference_m)
 
 
 def test_the_delay_of_the_ionosphere_is_inverse_to_the_square_of_the_carrier() -> None:
-    assert [signal.ionosphere_factor() for signal in (*SIGNALS, L2, B3I)] == pytest.approx(
+    l1, b1i = (signals.signals_of(letter)[0] for letter in "GC")
+    assert [signal.ionosphere_factor() for signal in (l1, b1i, L2, B3I)] == pytest.approx(
         [1.0, (F1 / B1) ** 2, (F1 / F2) ** 2, (F1 / B3) ** 2], rel=1e-14
     )
 
 
 def test_of_a_system_the_first_row_counts() -> None:
-    assert [signals.signal_of(letter).name for letter in "GC"] == ["L1 C/A", "B1I"]
-    with pytest.raises(KeyError, match="R"):
-        signals.signal_of("R")
+    first = [signals.observables_of(letter, dual=False)[0].name for letter in "GCEJ"]
+    assert first == ["L1 C/A", "B1I", "E1", "L1 C/A"]

@@ -11,7 +11,7 @@ import numpy as np
 import pandas as pd
 
 import pl_mc
-from pl_mc.alert import LPV_200
+from pl_mc.alert import LPV_200, Judged
 from pl_mc.engine.events import EVENTS
 from pl_mc.engine.table import with_rates
 from pl_mc.experiments.loading import build_experiment
@@ -72,7 +72,8 @@ def store_run(
     folder.mkdir(parents=True)
     record = build_experiment(CONTENT | changes, source="test")
     study, title = study_of(record), str(record.title)
-    pictures = [Picture("rates", rates_by_fault_figure(rates, alert=LPV_200, title=title), CAPTION)] * with_figure
+    figure = rates_by_fault_figure(rates, judged=Judged(LPV_200), title=title)
+    pictures = [Picture("rates", figure, CAPTION)] * with_figure
     findings = Findings(
         summary=SUMMARY,
         tables=(Table("rates", rates, chart=replace(CHART, menus=menus)),),

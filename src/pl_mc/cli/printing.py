@@ -50,6 +50,7 @@ def _whole_number(about: str) -> Any:
 
 Draws = Annotated[int | None, _whole_number("Noise draws for each fault and epoch, instead of the experiment's.")]
 Seed = Annotated[int | None, _whole_number("Seed of the noise, instead of the experiment's.")]
+Limit = Annotated[float | None, Parameter(allow_leading_hyphen=True)]
 Count = Annotated[int | None, Parameter(converter=_whole)]
 
 
@@ -85,10 +86,18 @@ class Output:
             print(f"Results: {result.folder}{page}")
 
 
-def overrides(draws: int | None, seed: int | None, val_m: float | None = None) -> dict[str, Any]:
+def overrides(
+    draws: int | None,
+    seed: int | None,
+    val_m: float | None = None,
+    hal_m: float | None = None,
+    axes: tuple[str, ...] = (),
+) -> dict[str, Any]:
     """The fields of an experiment that a command replaces."""
-    alert = None if val_m is None else {"vertical_m": val_m}
-    return {key: value for key, value in (("draws", draws), ("seed", seed), ("alert", alert)) if value is not None}
+    limits = {"vertical_m": val_m, "horizontal_m": hal_m}
+    alert = {field: limit for field, limit in limits.items() if limit is not None}
+    fields = {"draws": draws, "seed": seed, "alert": alert or None, "axes": axes or None}
+    return {field: value for field, value in fields.items() if value is not None}
 
 
 def print_json(content: Any) -> None:

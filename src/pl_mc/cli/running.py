@@ -7,7 +7,7 @@ from typing import Annotated, Any
 
 from cyclopts import Parameter
 
-from pl_mc.cli.printing import Count, Draws, Flag, Json, Output, Progress, Seed, Several, Which, overrides
+from pl_mc.cli.printing import Count, Draws, Flag, Json, Limit, Output, Progress, Seed, Several, Which, overrides
 from pl_mc.input_errors import InputError, shown
 
 _DEFAULT = Output()
@@ -20,7 +20,10 @@ def run(
     out: Path | None = None,
     draws: Draws = None,
     seed: Seed = None,
-    val: Annotated[float | None, Parameter(allow_leading_hyphen=True)] = None,
+    val: Limit = None,
+    hal: Limit = None,
+    axes: Annotated[tuple[str, ...], Several] = (),
+    fault: Annotated[tuple[str, ...], Several] = (),
     resume: Flag = False,
     fresh: Flag = False,
     shard: str | None = None,
@@ -42,6 +45,8 @@ def run(
 
     `pl-mc run results/mine/manifest.json --out again` redoes an earlier run.
 
+    `pl-mc run my.toml --fault G01:+30m --fault G01+G13:+30m` puts two faults in place of the file's.
+
     `pl-mc run zhao2021-sweep --resume` goes on with a run that was stopped.
 
     `pl-mc run ramp --json` ends with the folder, the files and the answer as JSON.
@@ -50,8 +55,12 @@ def run(
     ----------
     out
         Results folder; `runs/EXPERIMENT` unless given. An earlier result there is replaced.
-    val
-        Vertical alert limit [m], instead of the experiment's limits.
+    val, hal
+        Vertical and horizontal alert limit [m], one or both, instead of the experiment's limits.
+    axes
+        Which limits decide, instead of the experiment's: vertical, horizontal or either; repeatable.
+    fault
+        A fault instead of the experiment's, `G01:+30m`; repeatable, for several. See docs/how-to/faults.md.
     resume
         Go on with an unfinished run of the same experiment.
     fresh
@@ -69,12 +78,12 @@ def run(
     from pl_mc.engine import Execution
     from pl_mc.experiments.loading import load_experiment
     from pl_mc.experiments.running import run_experiment, run_shard
-    from pl_mc.studies.registry import study_of
     from pl_mc.studies.spec import kind_of
 
-    name, record = load_experiment(experiment, overrides(draws, seed, val))
-    if val is not None and not study_of(record).judged:
-        raise InputError(f"--val: an experiment of the kind {kind_of(record)} judges by no alert limit.")
+    name, record = load_experiment(experiment, overrides(draws, seed, val, hal, axes), faults=fault)
+    given = next((option for option, limit in (("--val", val), ("--hal", hal)) if limit is not None), None)
+    if given and not record.judged_axes():
+        raise InputError(f"{given}: an experiment of the kind {kind_of(record)} judges by no alert limit.")
     share = None if shard is None else _share(shard)
     execution = Execution(
         workers=workers, devices=devices, scheduler=scheduler, resume=resume, shard=share,
@@ -111,11 +120,15 @@ def observe(
     *,
     truth: Annotated[str, Parameter(allow_leading_hyphen=True)],
     systems: str | None = None,
+    signals: str | None = None,
     fault: Annotated[tuple[str, ...], Several] = (),
     mask_deg: Annotated[float, Parameter(allow_leading_hyphen=True)] = 10.0,
     error_model: str = "residual",
     ionosphere: str = "broadcast",
     method: Annotated[tuple[str, ...], Several] = ("ls", "igg3"),
+    val: Limit = None,
+    hal: Limit = None,
+    axes: str | None = None,
     out: Path | None = None,
     output: Output = _DEFAULT,
 ) -> None:
@@ -132,17 +145,27 @@ def observe(
     truth
         The true position: `X,Y,Z` Earth-fixed [m], or a CSV file with a track.
     systems
-        Systems to use, RINEX letters: `G,C`, `G` or `C`; those that the files have unless given.
+        Systems to use, RINEX letters: G (GPS), E (Galileo), C (BeiDou), J (QZSS), such as `G,E`; those of the first
+        three that the files have unless given.
+    signals
+        Other signals than L1 C/A, E1 and B1I, such as `L5,E5a`; with `--ionosphere dual` other pairs than the first
+        that the files have, such as `E1+E5b,B1I+B2I`.
     fault
-        A fault to inject, `G02:+30m:545-645`: satellite, bias, first and last epoch counted from 0; repeatable.
+        A fault to inject, `G02:+30m:545-645`: satellite, bias, first and last epoch counted from 0; repeatable, all
+        together. See docs/how-to/faults.md.
     mask_deg
         Elevation mask [deg].
     error_model
         Standard deviations: residual, none or uire; `user` needs an experiment file.
     ionosphere
-        `broadcast`: corrected with the coefficients of the navigation files; `none`: its delay is left in.
+        `broadcast`: corrected with the coefficients of the navigation files; `none`: its delay is left in;
+        `dual`: pseudoranges of two carriers are combined so that it cancels, with their noise.
     method
         A method; repeatable.
+    val, hal
+        Vertical and horizontal alert limit [m], one or both; those of LPV-200 unless given.
+    axes
+        Which limit decides: vertical, horizontal or either; the vertical one, where it is given, unless told.
     out
         Results folder; `runs/observe-NAME` unless given. An earlier result there is replaced.
     """
@@ -157,12 +180,14 @@ def observe(
         "observations": observations,
         "navigation": navigation[0] if len(navigation) == 1 else navigation,
         "truth": truth,
-        "systems": None if systems is None else tuple(letter.strip() for letter in systems.split(",")),
+        "systems": _words(systems),
+        "signals": _words(signals),
         "mask_deg": mask_deg,
         "error_model": error_model,
         "ionosphere": ionosphere,
         "faults": fault,
         "methods": [{"name": name} for name in method],
+        **overrides(None, None, val, hal, () if axes is None else (axes,)),
     }
     record = build_experiment(content, source="observe")
     output.show(run_experiment(f"observe-{station}", record, out, execution=Execution(progress=output.bar)))
@@ -214,6 +239,10 @@ def bench(
         seconds=seconds, precisions=precision, devices=devices, limit=limit, out=out, progress=progress
     )
     print(dumps(record.as_dict(), indent=2, ensure_ascii=False) if json else text)
+
+
+def _words(text: str | None) -> tuple[str, ...] | None:
+    return None if text is None else tuple(word.strip() for word in text.split(","))
 
 
 def _share(text: str) -> tuple[int, int]:

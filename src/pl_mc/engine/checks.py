@@ -43,10 +43,17 @@ def require_single(g: Geometry, what: str) -> None:
         raise InputError(f"geometry: {what} is made for one epoch; choose one of the {len(g)}, such as g[0].")
 
 
-def require_inputs(g: Geometry, faults: Faults, alert: str | AlertLimits, *, any_axis: bool = False) -> AlertLimits:
-    """The alert limits; an `InputError` unless all are of the right kinds and belong together."""
+def require_inputs(
+    g: Geometry, faults: Faults, alert: str | AlertLimits, *, any_axis: bool = False, drawn: bool = False
+) -> AlertLimits:
+    """The alert limits; an `InputError` unless all are of the right kinds and belong together.
+
+    ``drawn``: faults whose sizes are drawn will do.
+    """
     limits = require_geometry_and_alert(g, alert, any_axis=any_axis)
     require_faults(faults).require_geometry(g)
+    if not drawn:
+        faults.require_sizes("this function")
     return limits
 
 
@@ -92,14 +99,11 @@ def require_bounded(g: Geometry, method: Method) -> None:
 
 def notes_on_faults(g: Geometry, faults: Faults) -> tuple[str, ...]:
     """What the geometry's file lacks, and satellites of faults that are out of view at epochs, which give no row."""
-    applies = faults.applies(g)
-    epochs = applies.shape[0]
-    notes: dict[tuple[str, ...], int] = {}
-    for k in range(len(faults)):
-        if not applies[:, k].all():
-            names = tuple(np.array(faults.names)[faults.bias_m[k] != 0])
-            notes[names] = int((~applies[:, k]).sum())
-    return g.notes + tuple(
-        f"{', '.join(names)}: out of view at {count} of {epochs} epochs, which give no row."
-        for names, count in notes.items()
-    )
+    unseen = faults.unseen(g)
+    notes: dict[str, str] = {}
+    for k in np.flatnonzero(unseen.any(axis=0)):
+        biased = ", ".join(np.array(faults.names)[faults.bias_m[k] != 0])
+        epochs = (unseen | faults.applies(g))[:, k].sum() if k in faults.shaped else len(unseen)
+        who = faults.labels[k] if k in faults.shaped else biased
+        notes[who] = f"{who}: out of view at {unseen[:, k].sum()} of {epochs} epochs, which give no row."
+    return g.notes + tuple(notes.values())

@@ -80,18 +80,18 @@ def require_devices(devices: int | None) -> int:
 
 @functools.cache
 def compiled_count(devices: int) -> Callable[..., Array]:
-    """`count_events` as one compiled function, with static ``methods``, ``axes``, ``blocks`` and ``noise_model``."""
+    """`count_events` as one compiled function, with static ``axes``, ``blocks`` and ``noise_model``."""
     options = compiler_options()
     on_processor = jax.default_backend() == "cpu"
 
-    def one_device(batch: EpochBatch, *numbers: Array, blocks: int, **static: Any) -> Array:
+    def one_device(batch: EpochBatch, *numbers: Any, blocks: int, **static: Any) -> Array:
         together = _PROCESSOR_TILE // (LANES * batch.design.dtype.itemsize) if on_processor else blocks
         return count_events(batch, *numbers, blocks=blocks, together=together, **static)
 
-    def several_devices(batch: EpochBatch, *numbers: Array, blocks: int, **static: Any) -> Array:
+    def several_devices(batch: EpochBatch, *numbers: Any, blocks: int, **static: Any) -> Array:
         each = -(-blocks // devices)
 
-        def share(batch: EpochBatch, seed: Array, first: Array, *rest: Array) -> Array:
+        def share(batch: EpochBatch, seed: Array, first: Array, *rest: Any) -> Array:
             own = first + jax.lax.axis_index(_BLOCKS).astype(jnp.int32) * each
             return jax.lax.psum(one_device(batch, seed, own, *rest, blocks=each, **static), _BLOCKS)
 
@@ -101,4 +101,4 @@ def compiled_count(devices: int) -> Callable[..., Array]:
         return spread(batch, *numbers)
 
     function = one_device if devices == 1 else several_devices
-    return jax.jit(function, static_argnames=("methods", "axes", "blocks", "noise_model"), compiler_options=options)
+    return jax.jit(function, static_argnames=("axes", "blocks", "noise_model"), compiler_options=options)

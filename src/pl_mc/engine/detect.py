@@ -30,6 +30,7 @@ from pl_mc.engine.detect_runs import (
 from pl_mc.engine.plan import fault_slots
 from pl_mc.faults import Faults
 from pl_mc.geometry.record import Geometry
+from pl_mc.injection import row_biases
 from pl_mc.input_errors import require_whole
 from pl_mc.methods import Method
 from pl_mc.statistics.intervals import clopper_pearson
@@ -90,8 +91,7 @@ def detect(
     series = g.as_series()
     defined, notes = defined_at(g, options.tests)
     order, given = fault_slots(faults.applies(g))
-    bias = faults.bias_m[order[:, :, None], series.satellite[:, None, :]]
-    bias_m = np.where(given[:, :, None] & series.in_view[:, None, :], bias, 0.0)
+    bias_m = np.where(given[:, :, None], row_biases(series, faults, np.arange(len(series))[:, None], order)[0], 0.0)
 
     calibration = calibrate(series, options, draws=calibration_draws, defined=defined)
     counts = power_counts(series, bias_m, given, calibration.thresholds, options, draws=draws)

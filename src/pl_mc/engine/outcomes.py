@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import functools
 from collections.abc import Sequence
 from dataclasses import replace
 from typing import Any
@@ -26,13 +25,14 @@ from pl_mc.geometry.record import EAST, NORTH, UP, Geometry
 from pl_mc.input_errors import require_whole
 from pl_mc.ism import satellite_codes
 from pl_mc.kernels import linear_model, start_from
+from pl_mc.kernels.parameters import Trees, as_trees, of_trees
 from pl_mc.methods import Method, Outcome, as_methods
 from pl_mc.noise_models import GAUSSIAN, NoiseModel, as_noise_model
 from pl_mc.runtime.precision import dtype_of, precision_scope
 
 OUTCOME_COLUMNS = ("east_m", "north_m", "up_m", "hpl_m", "vpl_m", "available", "alarm", "unconverged", "tied")
 
-_block_outcomes = jax.jit(block_outcomes, static_argnames=("methods", "noise_model"))
+_block_outcomes = jax.jit(block_outcomes, static_argnames=("noise_model",))
 
 
 @ordinary_arithmetic
@@ -58,7 +58,7 @@ def sample(
         One row per epoch, fault, method and draw: ``epoch, fault, bias_m, method, draw, east_m, north_m, up_m,
         hpl_m, vpl_m, available, alarm, unconverged, tied``. Numbers are missing where a method is not available.
     """
-    alert = require_inputs(g, faults, alert, any_axis=True)
+    alert = require_inputs(g, faults, alert, any_axis=True, drawn=True)
     axis = as_axis(axis, alert)
     draws = require_whole(draws, field="draws", low=1, high=LARGEST_DRAWS)
     seed = require_whole(seed, field="seed", low=0, high=LARGEST_SEED)
@@ -67,7 +67,7 @@ def sample(
 
     def solved(chunk: Chunk, block: np.int32, *others: np.int32) -> list[Outcome]:
         batch = plan.batch(chunk, dtype_of(precision))
-        return _block_outcomes(batch, np.uint32(seed), block, methods=chosen, noise_model=shaped)
+        return _block_outcomes(batch, np.uint32(seed), block, as_trees(chosen), noise_model=shaped)
 
     parts = []
     for chunk, outcomes in run_calls(plan, solved, precision=precision):
@@ -122,7 +122,7 @@ def solve(
     with precision_scope(precision):
         found = _solve_series(
             series.design.astype(dtype), series.sigma_m.astype(dtype), series.in_view, errors.astype(dtype),
-            satellite_codes(series), chosen,
+            satellite_codes(series), as_trees(chosen),
         )  # fmt: skip
         found = jax.tree.map(np.asarray, found)
     parts = []
@@ -138,14 +138,16 @@ def solve(
     return pd.concat(parts).sort_values("epoch", kind="stable").reset_index(drop=True)
 
 
-@functools.partial(jax.jit, static_argnames=("methods",))
+@jax.jit
 def _solve_series(
-    design: Array, sigma_m: Array, in_view: Array, errors_m: Array, satellite: Array, methods: tuple[Method, ...]
+    design: Array, sigma_m: Array, in_view: Array, errors_m: Array, satellite: Array, methods: Trees
 ) -> list[Outcome]:
+    chosen = of_trees(methods)
+
     def one_epoch(rows: Array, sigma: Array, seen: Array, errors: Array, codes: Array) -> list[Outcome]:
         model = linear_model(rows, sigma, seen, satellite=codes)
         start = start_from(model, errors)
-        return [method.solve(model, method.prepare(model), start) for method in methods]
+        return [method.solve(model, method.prepare(model), start) for method in chosen]
 
     return jax.vmap(one_epoch)(design, sigma_m, in_view, errors_m, satellite)
 

@@ -17,9 +17,11 @@ from numpy.typing import NDArray
 
 from pl_mc.engine.calls import Chunk, Cut
 from pl_mc.engine.core import EpochBatch
+from pl_mc.engine.drawn_biases import DrawnBiases
 from pl_mc.engine.noise import LANES
 from pl_mc.faults import Faults
 from pl_mc.geometry.record import POSITION_UNKNOWNS, Geometry
+from pl_mc.injection import row_biases
 from pl_mc.ism import satellite_codes
 
 # Scenarios per call: large enough to hide a call's cost, small enough for a live progress bar and little memory.
@@ -88,17 +90,17 @@ class Plan(Cut):
         index = self.epochs[places]
         g = self.geometry
         # (e, f, n): the bias of the satellite in each row, for the faults that apply; zero elsewhere.
-        bias = self.faults.bias_m[self.fault_index[places][:, :, None], g.satellite[index][:, None, :]]
+        bias, drawn = row_biases(g, self.faults, index[:, None], self.fault_index[places])
         applies = self.fault_index[places] >= 0
-        counts = applies[:, :, None] & g.in_view[index][:, None, :]
         surplus = np.arange(self.epochs_per_call) >= chunk.size
         return EpochBatch(
             design=jnp.asarray(g.design[index], dtype),
             sigma_m=jnp.asarray(g.sigma_m[index], dtype),
             in_view=jnp.asarray(g.in_view[index]),
-            bias_m=jnp.asarray(np.where(counts, bias, 0.0), dtype),
+            bias_m=jnp.asarray(np.where(applies[:, :, None], bias, 0.0), dtype),
             applies=jnp.asarray(applies & ~surplus[:, None]),
             epoch=jnp.asarray(g.epoch[index], np.uint32),
+            drawn=None if drawn is None else DrawnBiases.of_rows(drawn, dtype),
             one_clock_per_row=self.one_clock_per_row,
             satellite=jnp.asarray(satellite_codes(g, g.satellite[index])),
         )

@@ -18,13 +18,14 @@ from numpy.typing import NDArray
 
 from pl_mc.alert import AlertLimits
 from pl_mc.engine.calls import Chunk, run_calls
-from pl_mc.engine.core import EpochBatch, block_noise, each_outcome, prepare_epoch
+from pl_mc.engine.core import EpochBatch, block_noise, block_sizes, each_outcome, prepare_epoch
 from pl_mc.engine.events import tied, unconverged
 from pl_mc.engine.noise import LANES
 from pl_mc.engine.plan import make_plan
 from pl_mc.faults import Faults
 from pl_mc.geometry.record import UP, Geometry
 from pl_mc.input_errors import InputError, require_positive
+from pl_mc.kernels.parameters import Trees, as_trees, of_trees
 from pl_mc.methods import Method, Outcome
 from pl_mc.runtime.precision import dtype_of
 from pl_mc.runtime.threads import cores
@@ -180,7 +181,7 @@ def stanford_counts(
     def count(chunk: Chunk, first_block: np.int32, *others: np.int32) -> NDArray[np.int64]:
         codes = _block_cells(
             plan.batch(chunk, dtype), np.uint32(seed), first_block, jnp.asarray(alert.vertical_m, dtype),
-            jnp.asarray(grid.cell_m, dtype), jnp.asarray(grid.cells, jnp.int32), methods=chosen,
+            jnp.asarray(grid.cell_m, dtype), jnp.asarray(grid.cells, jnp.int32), as_trees(chosen),
             blocks=plan.blocks_per_call,
         )  # fmt: skip
         counted = np.asarray(codes)[: chunk.size][plan.scenarios(chunk)]
@@ -200,23 +201,25 @@ def stanford_counts(
     )  # fmt: skip
 
 
-@functools.partial(jax.jit, static_argnames=("methods", "blocks"))
+@functools.partial(jax.jit, static_argnames=("blocks",))
 def _block_cells(
-    batch: EpochBatch, seed: Array, first_block: Array, vertical_m: Array, cell_m: Array, cells: Array, *,
-    methods: tuple[Method, ...], blocks: int,
+    batch: EpochBatch, seed: Array, first_block: Array, vertical_m: Array, cell_m: Array, cells: Array,
+    methods: Trees, *, blocks: int,
 ) -> Array:  # fmt: skip
     """(epochs, blocks, faults, lanes, methods), region and cell of each scenario as one whole number."""
+    chosen = of_trees(methods)
 
     def one_epoch(one: EpochBatch) -> Array:
-        model, prepared = prepare_epoch(one, methods)
+        model, prepared = prepare_epoch(one, chosen)
 
         def codes(outcomes: list[Outcome]) -> Array:
             return jnp.stack([_codes(outcome, vertical_m, cell_m, cells) for outcome in outcomes], axis=-1)
 
         def one_block(block: Array) -> Array:
             noise = block_noise(model, one, seed, block)
-            nothing = jnp.zeros((LANES, len(methods)), jnp.int32)
-            return each_outcome(model, prepared, methods, one, noise, codes, skipped=nothing)
+            nothing = jnp.zeros((LANES, len(chosen)), jnp.int32)
+            sizes = block_sizes(one, seed, block)
+            return each_outcome(model, prepared, chosen, one, noise, codes, sizes=sizes, skipped=nothing)
 
         return jax.lax.map(one_block, first_block + jnp.arange(blocks, dtype=jnp.int32))
 

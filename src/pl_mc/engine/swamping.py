@@ -7,7 +7,6 @@ nothing is left to check the rest. Both show in the weights of the last solution
 
 from __future__ import annotations
 
-import functools
 from collections.abc import Sequence
 from dataclasses import replace
 
@@ -18,7 +17,7 @@ import pandas as pd
 from jax import Array
 
 from pl_mc.engine.calls import Chunk, run_calls
-from pl_mc.engine.core import EpochBatch, block_noise, each_fault
+from pl_mc.engine.core import EpochBatch, block_noise, block_sizes, each_fault
 from pl_mc.engine.noise import live_lanes
 from pl_mc.engine.plan import make_plan
 from pl_mc.faults import Faults
@@ -62,7 +61,7 @@ def watch_weights(
     plan = make_plan(g, faults, draws).block_by_block()
 
     def counted(chunk: Chunk, *noise: np.int32) -> Array:
-        return _count_block(plan.batch(chunk, dtype_of(precision)), np.uint32(seed), *noise, options=distinct)
+        return _count_block(plan.batch(chunk, dtype_of(precision)), np.uint32(seed), *noise, distinct)
 
     total = np.zeros((*plan.fault_index.shape, len(distinct), len(WATCHED)), dtype=np.int64)
     for chunk, counts in run_calls(plan, counted, precision=precision, threads=cores()):
@@ -87,9 +86,9 @@ def watch_weights(
     return pd.concat(parts, ignore_index=True)
 
 
-@functools.partial(jax.jit, static_argnames=("options",))
+@jax.jit
 def _count_block(
-    batch: EpochBatch, seed: Array, block: Array, full_blocks: Array, remainder: Array, *,
+    batch: EpochBatch, seed: Array, block: Array, full_blocks: Array, remainder: Array,
     options: tuple[IrlsOptions, ...],
 ) -> Array:  # fmt: skip
     """(e, f, estimates, events), counts of one block of noise (int32)."""
@@ -104,7 +103,7 @@ def _count_block(
             return jnp.sum(seen & live, axis=-1, dtype=jnp.int32)
 
         nothing = jnp.zeros((len(options), len(WATCHED)), jnp.int32)
-        return each_fault(model, one, noise, count, skipped=nothing)
+        return each_fault(model, one, noise, count, sizes=block_sizes(one, seed, block), skipped=nothing)
 
     return jax.lax.map(one_epoch, batch)
 

@@ -46,7 +46,8 @@ def sweep(
 
     Args:
         g: one epoch or a series.
-        faults: bias vectors, from `ramp`, `biases` or `no_fault`.
+        faults: from `ramp`, `biases`, `pairs` or `no_fault`; what is drawn of them is drawn anew for each draw of
+            the noise, from numbers of its own.
         draws: noise draws for each fault at each epoch; every method and every fault sees the same draws.
         seed: chooses the noise, 0 to 2^32 - 1. The same seed gives the same counts.
         methods: names or records of methods.
@@ -107,7 +108,7 @@ def run_sweep(
     execution: Execution,
 ) -> pd.DataFrame:
     """`pl_mc.sweep`, with the way it runs as one record."""
-    alert = require_inputs(g, faults, alert, any_axis=True)
+    alert = require_inputs(g, faults, alert, any_axis=True, drawn=True)
     require_truth(by_epoch, field="by_epoch")
     task = SweepTask(
         geometry=g,

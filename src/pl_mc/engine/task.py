@@ -11,6 +11,7 @@ from collections.abc import Callable, Generator, Iterable, Sequence
 from dataclasses import dataclass
 from typing import Any, ClassVar, Protocol
 
+import jax
 import numpy as np
 import pandas as pd
 import pyarrow as pa
@@ -26,6 +27,7 @@ from pl_mc.engine.part_task import Kind, array_fingerprint
 from pl_mc.engine.plan import Plan, make_plan
 from pl_mc.faults import Faults
 from pl_mc.geometry.record import Geometry
+from pl_mc.kernels.parameters import as_trees
 from pl_mc.methods.base import Method
 from pl_mc.noise_models import GAUSSIAN, NoiseModel
 from pl_mc.runtime.precision import dtype_of
@@ -90,9 +92,11 @@ class SweepTask:
     def asked(self) -> dict[str, Any]:
         """What decides the counts, in a form that can be stored and compared."""
         g = self.geometry.as_series()
+        # Ramps depend on the times.
+        times_s = [g.time_gps_s] if self.faults.shaped else []
         asked = {
             "geometry": array_fingerprint(g.design, g.sigma_m, g.in_view, g.satellite, g.epoch, g.names),
-            "faults": array_fingerprint(self.faults.bias_m, self.faults.names, self.faults.labels),
+            "faults": array_fingerprint(self.faults.bias_m, self.faults.names, self.faults.labels, *times_s),
             "draws": self.draws,
             "seed": self.seed,
             "methods": [repr(method) for method in self.methods],
@@ -117,7 +121,7 @@ class SweepTask:
         dtype = dtype_of(self.precision)
         counts = compiled_count(devices)(
             self.plan.batch(chunk, dtype), np.uint32(self.seed), *noise, limits_of(self.alert, dtype),
-            methods=self.methods, axes=self.axes, blocks=self.plan.blocks_per_call, noise_model=self.noise,
+            as_trees(self.methods), axes=self.axes, blocks=self.plan.blocks_per_call, noise_model=self.noise,
         )  # fmt: skip
         return np.asarray(counts)[: chunk.size]
 
@@ -206,7 +210,8 @@ class SweepTask:
         """What the compiled function depends on."""
         g, plan = self.plan.geometry, self.plan
         sizes = (plan.epochs_per_call, plan.blocks_per_call, plan.fault_index.shape[1], *g.design.shape[1:])
-        return self.methods, self.axes, self.noise, self.precision, devices, sizes
+        structure, drawn = jax.tree.structure(as_trees(self.methods)), bool(self.faults.drawn.any())
+        return structure, self.axes, self.noise, self.precision, devices, drawn, sizes
 
     def _part(self, number: int, gathered: list[tuple[Chunk, NDArray[np.int32]]]) -> PartCounts:
         first, stop = gathered[0][0].first_epoch, gathered[-1][0].stop_epoch

@@ -104,6 +104,17 @@ class ErrorModel(Protocol):
         ...
 
 
+@runtime_checkable
+class ScaledVariance(Protocol):
+    """An error model that knows what of its variance is noise and what ionosphere."""
+
+    def scaled_variance_m2(
+        self, sky: Sky, noise: float | NDArray[np.float64], ionosphere: float | NDArray[np.float64]
+    ) -> NDArray[np.float64]:
+        """Variance of each error of a checked sky with the two scaled, the noise with orbit and clock [m^2]."""
+        ...
+
+
 class FromVariance:
     """What error models share whose figures add up to a variance, ``variance_m2`` of a checked sky [m^2]."""
 
@@ -118,6 +129,27 @@ class FromVariance:
             InputError: what `Sky.checked` refuses; an elevation of 0 or less among it.
         """
         return np.sqrt(self.variance_m2(sky.checked()))
+
+
+def sigma_of_signal_m(
+    model: ErrorModel, sky: Sky, *, noise: NDArray[np.float64], ionosphere: NDArray[np.float64]
+) -> NDArray[np.float64]:
+    """Standard deviations of a model for other pseudoranges than those of one carrier in the band of L1 [m].
+
+    A model with ``scaled_variance_m2`` scales its terms. Of any other one everything is taken for the larger of the
+    two, since it does not say what of its sigma is noise.
+
+    Args:
+        model: the model.
+        sky: the satellites.
+        noise: standard deviation of the noise over that of one carrier, in the shape of ``sky``.
+        ionosphere: delay of the ionosphere over that on L1; 0 where two carriers are combined.
+    """
+    if np.all(noise == 1.0) and np.all(ionosphere == 1.0):
+        return model.sigma_m(sky)
+    if isinstance(model, ScaledVariance):
+        return np.sqrt(model.scaled_variance_m2(sky.checked(), noise, ionosphere))
+    return np.maximum(noise, ionosphere) * model.sigma_m(sky)
 
 
 def by_orbit(record: Any, options: Sequence[str], sky: Sky) -> NDArray[np.float64]:

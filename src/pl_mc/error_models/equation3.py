@@ -63,8 +63,23 @@ class Sigma0:
 PAPER_SIGMA0 = Sigma0()
 
 
+# One factor for all satellites, or one for each.
+Scale = float | NDArray[np.float64]
+
+
+class _ThreeTerms(FromVariance):
+    """Noise, ionosphere and troposphere; of one carrier in the band of L1 as they stand."""
+
+    def scaled_variance_m2(self, sky: Sky, noise: Scale, ionosphere: Scale) -> NDArray[np.float64]:
+        raise NotImplementedError
+
+    def variance_m2(self, sky: Sky) -> NDArray[np.float64]:
+        """The three terms of the equation, added [m^2]."""
+        return self.scaled_variance_m2(sky, 1.0, 1.0)
+
+
 @dataclass(frozen=True)
-class Equation3(FromVariance):
+class Equation3(_ThreeTerms):
     """Equation 3 with an ionosphere and a troposphere that depend on elevation alone.
 
     Attributes:
@@ -83,11 +98,11 @@ class Equation3(FromVariance):
         for option in ("vertical_ionosphere_m", "zenith_troposphere_m"):
             object.__setattr__(self, option, require_figure(option, getattr(self, option), allow_zero=True))
 
-    def variance_m2(self, sky: Sky) -> NDArray[np.float64]:
-        """The three terms of the equation, added [m^2]."""
-        ionosphere = self.vertical_ionosphere_m * obliquity(sky.elevation_rad)
+    def scaled_variance_m2(self, sky: Sky, noise: Scale, ionosphere: Scale) -> NDArray[np.float64]:
+        """The three terms of the equation, the first two scaled, added [m^2]; sigma0 counts as noise."""
+        delay_m = ionosphere * self.vertical_ionosphere_m * obliquity(sky.elevation_rad)
         troposphere = troposphere_sigma_m(sky.elevation_rad, self.zenith_troposphere_m)
-        return self.sigma0.variance_m2(sky) + ionosphere**2 + troposphere**2
+        return np.square(noise) * self.sigma0.variance_m2(sky) + delay_m**2 + troposphere**2
 
     def describe(self) -> dict[str, Any]:
         """Name and every figure of the model."""
@@ -136,7 +151,7 @@ USER_OPTIONS = ("vertical_ionosphere_m", "zenith_troposphere_m", *(f"sigma0_{f.n
 
 
 @dataclass(frozen=True)
-class Uire(FromVariance):
+class Uire(_ThreeTerms):
     """Equation 3 with sigma_UIRE by the geomagnetic latitude of each pierce point, and the DO-229 troposphere.
 
     An upper bound for single-frequency users without corrections, not a model of noise: protection levels made with
@@ -150,14 +165,14 @@ class Uire(FromVariance):
     name: str = "uire"
     sigma0: Sigma0 = PAPER_SIGMA0
 
-    def variance_m2(self, sky: Sky) -> NDArray[np.float64]:
-        """The three terms of the equation, added [m^2]."""
+    def scaled_variance_m2(self, sky: Sky, noise: Scale, ionosphere: Scale) -> NDArray[np.float64]:
+        """The three terms of the equation, the first two scaled, added [m^2]; sigma0 counts as noise."""
         geomagnetic = pierce_point_geomagnetic_latitude_rad(
             sky.elevation_rad, sky.azimuth_rad, sky.latitude_rad, sky.longitude_rad
         )
-        ionosphere = vertical_uire_sigma_m(geomagnetic) * obliquity(sky.elevation_rad)
+        delay_m = ionosphere * vertical_uire_sigma_m(geomagnetic) * obliquity(sky.elevation_rad)
         troposphere = troposphere_sigma_m(sky.elevation_rad)
-        return self.sigma0.variance_m2(sky) + ionosphere**2 + troposphere**2
+        return np.square(noise) * self.sigma0.variance_m2(sky) + delay_m**2 + troposphere**2
 
     def describe(self) -> dict[str, Any]:
         """Name and every figure of the model."""

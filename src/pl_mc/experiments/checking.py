@@ -216,7 +216,9 @@ def _further_problems(content: Mapping[str, Any]) -> Iterator[FieldProblem]:
         yield from _tried("source", files)
     build = getattr(getattr(record, "faults", None), "build", None)
     if geometry is not None and callable(build):
-        yield from _tried("faults", lambda: build(geometry), ("satellite", "start_m", "stop_m", "step_m"))
+        own = set(type(record.faults).model_fields)
+        where = "faults.biases" if "biases" in own else "faults"
+        yield from _tried(where, lambda: build(geometry), own - {"biases"})
     if not isinstance(record.alert, str) or record.alert in OPERATIONS:
         yield from _tried("alert", record.alert_limits)
     if geometry is not None and not list(_named(content.get("methods"), "methods", method)):

@@ -23,7 +23,7 @@ SHARED: dict[str, str] = {
     "tests": "tests to compare, each a table with a name and options of its own",
     "name": "its name",
     "alert": "alert limits by operation: APV-I (vertical 50 m), LPV-200 (35 m), APV-II (20 m), CAT-I, CAT-II "
-    "or CAT-IIIB; or {name = 'mine', vertical_m = 25}",
+    "or CAT-IIIB; or {name = 'mine', vertical_m = 25, horizontal_m = 10}, or one of the two",
     "vertical_m": "vertical alert limit",
     "horizontal_m": "horizontal alert limit",
     "seed": "chooses the noise; the same seed gives the same counts",
@@ -45,12 +45,14 @@ SHARED: dict[str, str] = {
     "observations": "RINEX 2 (GPS alone), 3 or 4 observation file, plain, Hatanaka-compressed, .gz, .zip, .Z, .bz2",
     "navigation": "RINEX 2, 3 or 4 navigation file with broadcast ephemerides of that day, or a list of them",
     "truth": "the true position, Earth-fixed X,Y,Z in metres, or a CSV file with a track",
-    "systems": "systems to use, RINEX letters: G (GPS), C (BeiDou); those that the files have unless given",
-    "ionosphere": "broadcast (coefficients of the navigation files) or none (its delay is left in)",
+    "systems": "systems to use: G (GPS), C (BeiDou), E (Galileo), J (QZSS); those of the first three unless given",
+    "signals": "other signals than L1 C/A, B1I and E1, such as L5; pairs such as E1+E5b where two are combined",
+    "ionosphere": "broadcast (coefficients of the navigation files), none (its delay is left in), dual (two carriers)",
     "satellite": "name of the biased satellite",
     "otherwise": "what stands in for a satellite that is out of view: the one of its system with the median "
     "redundancy number",
-    "biases": "faults one by one, each a table of biases by satellite; an empty table is the fault-free case",
+    "biases": "faults one by one, each a table of biases by satellite or a text such as G01+G13:+30m, G15:+0.1m/s:100- or "
+    "G:uniform(5,100)m independent; an empty table and none are the fault-free case",
     "start_m": "first bias",
     "stop_m": "last bias",
     "step_m": "step from bias to bias",

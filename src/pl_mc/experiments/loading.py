@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import tomllib
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -12,7 +12,7 @@ from pl_mc.input_errors import InputError, nearest, shown
 from pl_mc.methods import METHODS
 from pl_mc.report.run_folder import folder_name
 from pl_mc.runtime.small_files import parsed, parsed_json, read_text
-from pl_mc.studies.registry import FORMER, KINDS, in_todays_words
+from pl_mc.studies.registry import FORMER, KINDS, in_todays_words, with_faults
 from pl_mc.studies.spec import Experiment
 from pl_mc.studies.validation import FieldProblem, problems_of, validated
 
@@ -43,18 +43,24 @@ class ExperimentSource:
     content: Mapping[str, Any]
 
 
-def load_experiment(which: str, overrides: Mapping[str, Any] | None = None) -> tuple[str, Experiment]:
+def load_experiment(
+    which: str, overrides: Mapping[str, Any] | None = None, *, faults: Sequence[str] = ()
+) -> tuple[str, Experiment]:
     """Name and record of an experiment.
 
     Args:
         which: a name of `experiment_files`, the path of a TOML file, or the path of a run's ``manifest.json``.
         overrides: top-level fields that replace the file's.
+        faults: as texts, in place of the experiment's; none to leave these.
 
     Raises:
-        InputError: no such experiment or file, text that is no TOML, or fields that are wrong (all are named).
+        InputError: no such experiment or file, a kind that takes no faults, text that is no TOML, or fields that are
+            wrong (all are named).
     """
     source = read_source(which)
     content = dict(source.content) | dict(overrides or {})
+    if faults:
+        content = with_faults(content, faults)
     return source.name, build_experiment(content, source=str(source.path.name))
 
 

@@ -87,7 +87,8 @@ def document_of_files(run: RunFolder, experiment: Experiment) -> Document:
         question=study.asks(experiment),
         answer=answer,
         notes=run.notes,
-        val_m=experiment.alert_limits().val_m,
+        val_m=experiment.alert_limits().vertical_m,
+        hal_m=experiment.alert_limits().horizontal_m,
         summary=from_markdown(run.summary),
         tables=tuple(TableEntry(name) for name in run.tables),
         figures=tuple(FigureEntry(name, said, f"{said} {run.title}.") for name, said in captions.items()),
@@ -151,7 +152,8 @@ def comparison_page(first: RunFolder, second: RunFolder, found: Comparison) -> s
     charts: list[dict[str, Any]] = []
     if document is not None:
         tables = combined_tables(first, second, found.names)
-        charts = charts_within_limit(charts_of(document.tables, tables, val_m=document.val_m))
+        limits = {"val_m": document.val_m, "hal_m": document.hal_m}
+        charts = charts_within_limit(charts_of(document.tables, tables, **limits))
     title, fields = f"fields that differ: {len(found.fields)}", found.fields.to_numpy()
     return render(
         COMPARE_PAGE,

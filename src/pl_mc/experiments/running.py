@@ -106,7 +106,8 @@ def run_experiment(
             kind=kind_of(experiment),
             question=study.asks(experiment),
             answer=study.answer(findings.data, experiment),
-            val_m=experiment.alert_limits().val_m,
+            val_m=experiment.alert_limits().vertical_m,
+            hal_m=experiment.alert_limits().horizontal_m,
         )
         seconds = time.perf_counter() - begin
         write_manifest(working, name=name, experiment=experiment, notes=document.notes, seconds=seconds)

@@ -21,9 +21,9 @@ from pl_mc.geometry.constellations import Slot
 from pl_mc.geometry.gps_time import gmst_rad
 from pl_mc.input_errors import InputError, require_list, require_numbers, require_true, shown
 
-# A navigation satellite is between 1.9e7 m (medium orbit) and 4.5e7 m (synchronous) from the Earth's centre; what says
-# otherwise is damaged.
-ORBIT_RADIUS_M = (1.9e7, 4.5e7)
+# A navigation satellite is between 1.9e7 m (medium orbit) and 4.6e7 m (apogee of QZSS) from the Earth's centre; what
+# says otherwise is damaged.
+ORBIT_RADIUS_M = (1.9e7, 4.6e7)
 
 # BeiDou: synchronous orbits have a semi-major axis of 42,164 km, medium ones 27,906 km; geostationary ones are
 # inclined by under 10 degrees, the inclined ones by 55 (BDS-SIS-ICD-2.1, section 3.1).

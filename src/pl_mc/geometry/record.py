@@ -22,7 +22,7 @@ from pl_mc.input_errors import InputError, nearest, require_numbers, shown
 if TYPE_CHECKING:
     import pandas as pd
 
-SYSTEM_NAMES = {"G": "GPS", "C": "BeiDou", "E": "Galileo", "R": "GLONASS"}
+SYSTEM_NAMES = {"G": "GPS", "C": "BeiDou", "E": "Galileo", "R": "GLONASS", "J": "QZSS"}
 
 EAST, NORTH, UP = 0, 1, 2
 POSITION_UNKNOWNS = 3

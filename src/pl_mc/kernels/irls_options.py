@@ -4,7 +4,10 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
+from jax import Array
+
 from pl_mc.input_errors import InputError, hold_whole, require_choice, require_number
+from pl_mc.kernels.parameters import checkable, static, traced
 from pl_mc.kernels.weights import Igg3Weight, WeightFunction
 
 SCALES = ("posterior_floored", "apriori", "posterior", "mad", "mad_floored")
@@ -25,9 +28,10 @@ AITKEN_START = 15
 HUBER_START = 5
 
 
+@traced
 @dataclass(frozen=True)
 class IrlsOptions:
-    """The choices of a reweighted estimate.
+    """The choices of a reweighted estimate; its weight function and the smallest weight are leaves.
 
     Attributes:
         weight: weight function of the standardised residual.
@@ -53,13 +57,13 @@ class IrlsOptions:
     """
 
     weight: WeightFunction = Igg3Weight()  # noqa: RUF009 (a frozen record)
-    iterations: int | None = None
-    scale: str = "posterior_floored"
-    cofactor: str = "fault_free"
-    redundancy: str = "all"
-    start: str = "ls"
-    weight_floor: float = 0.0
-    acceleration: str | None = None
+    iterations: int | None = static(None)
+    scale: str = static("posterior_floored")
+    cofactor: str = static("fault_free")
+    redundancy: str = static("all")
+    start: str = static("ls")
+    weight_floor: float | Array = 0.0
+    acceleration: str | None = static(None)
 
     def __post_init__(self) -> None:
         require_choice(self.scale, SCALES, field="scale")
@@ -75,7 +79,8 @@ class IrlsOptions:
                 f"acceleration: 'aitken' begins after {AITKEN_START} solutions and does nothing in {self.iterations}; "
                 f"take iterations of at least {AITKEN_START + 1}, or the acceleration 'none'."
             )
-        if not 0.0 <= require_number(self.weight_floor, field="weight_floor") < 1.0:
+        floor = self.weight_floor
+        if checkable(floor) and not 0.0 <= require_number(floor, field="weight_floor") < 1.0:  # type: ignore[arg-type]
             raise InputError(f"weight_floor: a number from 0 to below 1 is needed, not {self.weight_floor!r}.")
 
     @property

@@ -16,6 +16,7 @@ from pl_mc.kernels.clock_elimination import eliminate_clocks
 from pl_mc.kernels.estimate import Estimate, LeastSquaresSolution, safe_sqrt
 from pl_mc.kernels.irls_options import AITKEN_START, HUBER_START, IrlsOptions
 from pl_mc.kernels.linear_model import COORDINATES, LinearModel, add_empty, per_lane, product, redundancy_floor
+from pl_mc.kernels.parameters import is_off
 from pl_mc.kernels.small_matrix import cholesky, eliminate, inverse_columns, lower_triangle
 from pl_mc.kernels.weights import HuberWeight, L1Weight
 
@@ -315,7 +316,7 @@ def _weights(
     scale = _scale(model, iterate, size, options) if scale is None else scale
     # A perfect fit leaves no scale; it is undetermined or exact, and any finite number serves.
     weights = options.weight(size * (1.0 / jnp.where(scale > 0, scale, 1.0))[None])
-    return jnp.maximum(weights, options.weight_floor) if options.weight_floor else weights
+    return weights if is_off(options.weight_floor) else jnp.maximum(weights, options.weight_floor)
 
 
 def _scale(model: LinearModel, iterate: Iterate, size: Array, options: IrlsOptions) -> Array:

@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-import functools
-
 import jax
 import jax.numpy as jnp
 from jax import Array
@@ -71,7 +69,7 @@ def _ls(rows: Array, sigma: Array, observed: Array, seen: Array) -> Estimate:
     return least_squares(model, start_from(model, observed))
 
 
-@functools.partial(jax.jit, static_argnames=("options",))
+@jax.jit
 def _reweighted(rows: Array, sigma: Array, observed: Array, seen: Array, *, options: IrlsOptions) -> Estimate:
     model = linear_model(rows, sigma, seen)
     return irls(model, start_from(model, observed), options)

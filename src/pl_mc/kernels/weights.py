@@ -1,6 +1,6 @@
 """Weight functions of iteratively reweighted least squares: w(u) of a standardised residual u.
 
-Each is a frozen record, so that it can be a static argument of a jitted kernel; all take |u|, of any shape.
+Each is a record whose constants are leaves (`pl_mc.kernels.parameters`); all take |u|, of any shape.
 """
 
 from __future__ import annotations
@@ -12,7 +12,8 @@ from typing import Protocol
 import jax.numpy as jnp
 from jax import Array
 
-from pl_mc.input_errors import InputError, require_positive
+from pl_mc.input_errors import InputError
+from pl_mc.kernels.parameters import checkable, require_positive_leaf, traced
 
 
 class WeightFunction(Protocol):
@@ -23,16 +24,17 @@ class WeightFunction(Protocol):
         ...
 
 
+@traced
 @dataclass(frozen=True)
 class Igg3Weight:
     """IGG-III: full weight up to k0, decreasing to zero at k1, zero beyond (Zhao et al. 2021, eq 7)."""
 
-    k0: float = 1.5
-    k1: float = 5.0
+    k0: float | Array = 1.5
+    k1: float | Array = 5.0
 
     def __post_init__(self) -> None:
         sound = all(isinstance(value, numbers.Real) for value in (self.k0, self.k1))
-        if not sound or not 0.0 < self.k0 < self.k1 < float("inf"):
+        if checkable(self.k0, self.k1) and not (sound and 0.0 < self.k0 < self.k1 < float("inf")):
             raise InputError(f"igg3: 0 < k0 < k1 is needed, not k0 = {self.k0!r}, k1 = {self.k1!r}.")
 
     def __call__(self, size: Array) -> Array:
@@ -42,33 +44,36 @@ class Igg3Weight:
         return self.k0 / outer * fall * fall
 
 
+@traced
 @dataclass(frozen=True)
 class HuberWeight:
     """Huber's minimax weight: 1 up to k, then k / |u| (Huber 1964, Ann. Math. Statist. 35:73-101)."""
 
-    k: float = 1.345
+    k: float | Array = 1.345
 
     def __post_init__(self) -> None:
-        require_positive(self.k, field="huber: k")
+        require_positive_leaf(self.k, field="huber: k")
 
     def __call__(self, size: Array) -> Array:
         return self.k / jnp.maximum(size, self.k)
 
 
+@traced
 @dataclass(frozen=True)
 class TukeyWeight:
     """Tukey's biweight: (1 - (u / c)^2)^2 up to c, zero beyond (Beaton & Tukey 1974, Technometrics 16:147-185)."""
 
-    c: float = 4.685
+    c: float | Array = 4.685
 
     def __post_init__(self) -> None:
-        require_positive(self.c, field="tukey: c")
+        require_positive_leaf(self.c, field="tukey: c")
 
     def __call__(self, size: Array) -> Array:
-        inner = 1.0 - jnp.minimum(size / self.c, 1.0) ** 2
+        inner = 1.0 - jnp.minimum(size * (1.0 / self.c), 1.0) ** 2
         return inner * inner
 
 
+@traced
 @dataclass(frozen=True)
 class HampelWeight:
     """Hampel's three parts: 1 up to a, a / |u| up to b, falling to zero at c, zero beyond.
@@ -77,13 +82,14 @@ class HampelWeight:
     are those of R's `MASS::psi.hampel` and of statsmodels (the book also has 1.7, 3.4, 8.5).
     """
 
-    a: float = 2.0
-    b: float = 4.0
-    c: float = 8.0
+    a: float | Array = 2.0
+    b: float | Array = 4.0
+    c: float | Array = 8.0
 
     def __post_init__(self) -> None:
-        sound = all(isinstance(value, numbers.Real) for value in (self.a, self.b, self.c))
-        if not sound or not 0.0 < self.a <= self.b < self.c < float("inf"):
+        constants = (self.a, self.b, self.c)
+        sound = all(isinstance(value, numbers.Real) for value in constants)
+        if checkable(*constants) and not (sound and 0.0 < self.a <= self.b < self.c < float("inf")):
             raise InputError(f"hampel: 0 < a <= b < c is needed, not a = {self.a!r}, b = {self.b!r}, c = {self.c!r}.")
 
     def __call__(self, size: Array) -> Array:
@@ -91,6 +97,7 @@ class HampelWeight:
         return self.a / jnp.maximum(size, self.a) * fall
 
 
+@traced
 @dataclass(frozen=True)
 class DanishWeight:
     """The Danish method: 1 up to c, then exp(-((|u| - c) / c)^2), after Krarup, Juhl & Kubik 1980.
@@ -98,10 +105,10 @@ class DanishWeight:
     That paper and those after it write several exponentials; this one has no step at c.
     """
 
-    c: float = 2.0
+    c: float | Array = 2.0
 
     def __post_init__(self) -> None:
-        require_positive(self.c, field="danish: c")
+        require_positive_leaf(self.c, field="danish: c")
 
     def __call__(self, size: Array) -> Array:
         beyond = jnp.maximum(size * (1.0 / self.c) - 1.0, 0.0)
@@ -109,6 +116,7 @@ class DanishWeight:
         return jnp.exp(-jnp.minimum(beyond * beyond, 80.0))
 
 
+@traced
 @dataclass(frozen=True)
 class L1Weight:
     """Least absolute residuals: 1 / max(|u|, eps), times eps so that the largest weight is one.
@@ -117,10 +125,10 @@ class L1Weight:
     with k = eps, and its sum of absolute residuals is within n eps / 2 of the smallest (Schlossmacher 1973).
     """
 
-    eps: float = 1e-4
+    eps: float | Array = 1e-4
 
     def __post_init__(self) -> None:
-        require_positive(self.eps, field="l1: eps")
+        require_positive_leaf(self.eps, field="l1: eps")
 
     def __call__(self, size: Array) -> Array:
         return self.eps / jnp.maximum(size, self.eps)

@@ -14,8 +14,9 @@ from typing import Any, ClassVar, Protocol, runtime_checkable
 import jax
 from jax import Array
 
-from pl_mc.input_errors import plain_number, require_positive
+from pl_mc.input_errors import plain_number
 from pl_mc.kernels import Estimate, LeastSquaresSolution, LinearModel, ProtectionLevels, protection_levels
+from pl_mc.kernels.parameters import is_array, require_positive_leaf
 
 
 @jax.tree_util.register_dataclass
@@ -76,7 +77,7 @@ def name_with_options(base: str, options: Any, defaults: Any) -> str:
     changed = [
         f"{field}={plain_number(value)}" if isinstance(value, float) else f"{field}={value}"
         for field in sorted(options.__dataclass_fields__, key=lambda field: field not in own)
-        if (value := getattr(options, field)) != getattr(defaults, field)
+        if is_array(value := getattr(options, field)) or value != getattr(defaults, field)
     ]
     return f"{base}({','.join(changed)})" if changed else base
 
@@ -84,7 +85,7 @@ def name_with_options(base: str, options: Any, defaults: Any) -> str:
 def require_multipliers(method: Any) -> None:
     """Raise `InputError` unless both multipliers of the levels of a `Named` method are positive."""
     for field in ("k_horizontal", "k_vertical"):
-        require_positive(getattr(method, field), field=f"{method.key}: {field}")
+        require_positive_leaf(getattr(method, field), field=f"{method.key}: {field}")
 
 
 class Named:

@@ -14,6 +14,7 @@ import numpy as np
 from jax import Array
 from numpy.typing import NDArray
 
+from pl_mc.alert import VERTICAL
 from pl_mc.arrays import FloatArray
 from pl_mc.input_errors import InputError
 from pl_mc.kernels import LeastSquaresSolution, LinearModel
@@ -70,11 +71,14 @@ class ExactLaw(Protocol):
 
 @runtime_checkable
 class ScalesWithK(Protocol):
-    """A vertical level that is K times what the method makes of a scenario."""
+    """Levels that are K times what the method makes of a scenario.
+
+    The field of the horizontal level is called as that of the vertical one, with ``horizontal`` for ``vertical``.
+    """
 
     @property
     def scales_with_k(self) -> str | None:
-        """Name of the dataclass field that is K; None where the level of these options is no multiple of it."""
+        """Name of the dataclass field that is K of the vertical level; None where the levels are no multiples."""
 
 
 _MEANINGS = {
@@ -114,23 +118,27 @@ def scales_with_k(method: object) -> str | None:
     return declared(method, "scales_with_k")
 
 
-def require_k(method: Method) -> None:
-    """Raise `InputError` unless the level of a method is a multiple of one of its fields."""
-    name = scales_with_k(method)
-    if name is None:
+def require_k(method: Method, axis: str = VERTICAL) -> None:
+    """Raise `InputError` unless the level of a method on an axis is a multiple of one of its fields."""
+    if scales_with_k(method) is None:
         raise refusal(method, "scales_with_k", able=scales_with_k, field="method")
+    name = _k_field(method, axis)
     if not dataclasses.is_dataclass(method) or name not in method.__dataclass_fields__:
         raise InputError(f"method: {method.name}: scales_with_k: {name!r} is no field of this dataclass.")
 
 
-def k_of(method: Method) -> float:
-    """The multiplier of the vertical level of a method that scales with it."""
-    return float(getattr(method, str(scales_with_k(method))))
+def k_of(method: Method, axis: str = VERTICAL) -> float:
+    """The multiplier of the level of an axis, of a method that scales with it."""
+    return float(getattr(method, _k_field(method, axis)))
 
 
-def with_k(method: AnyMethod, k: float) -> AnyMethod:
-    """The same method with another multiplier of the vertical level."""
-    return dataclasses.replace(method, **{str(scales_with_k(method)): k})  # type: ignore[type-var]
+def with_k(method: AnyMethod, k: float, axis: str = VERTICAL) -> AnyMethod:
+    """The same method with another multiplier of the level of an axis."""
+    return dataclasses.replace(method, **{_k_field(method, axis): k})  # type: ignore[type-var]
+
+
+def _k_field(method: object, axis: str) -> str:
+    return str(scales_with_k(method)).replace(VERTICAL, axis)
 
 
 def refusal(

@@ -4,10 +4,12 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
+from pl_mc.kernels.parameters import traced
 from pl_mc.kernels.weights import DanishWeight
 from pl_mc.methods.m_estimator import MEstimator
 
 
+@traced
 @dataclass(frozen=True)
 class Danish(MEstimator):
     """Weights 1 up to c, then exp(-((|u| - c) / c)^2); levels: see `pl_mc.methods.m_estimator`.

@@ -4,10 +4,12 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
+from pl_mc.kernels.parameters import traced
 from pl_mc.kernels.weights import HampelWeight
 from pl_mc.methods.m_estimator import MEstimator
 
 
+@traced
 @dataclass(frozen=True)
 class Hampel(MEstimator):
     """Weights 1 up to a, a / |u| up to b, falling to zero at c; levels: see `pl_mc.methods.m_estimator`.

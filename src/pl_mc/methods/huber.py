@@ -4,10 +4,12 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
+from pl_mc.kernels.parameters import traced
 from pl_mc.kernels.weights import HuberWeight
 from pl_mc.methods.m_estimator import MEstimator
 
 
+@traced
 @dataclass(frozen=True)
 class Huber(MEstimator):
     """Weights min(1, k / |u|) (Huber 1964), no satellite thrown out; levels: see `pl_mc.methods.m_estimator`.

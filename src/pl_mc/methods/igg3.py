@@ -4,10 +4,12 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
+from pl_mc.kernels.parameters import traced
 from pl_mc.kernels.weights import Igg3Weight
 from pl_mc.methods.m_estimator import MEstimator
 
 
+@traced
 @dataclass(frozen=True)
 class Igg3(MEstimator):
     """IGG-III reweighting (Zhao et al. 2021, eqs 6, 7): full weight up to k0, falling to zero at k1.

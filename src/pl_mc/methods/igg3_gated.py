@@ -13,6 +13,7 @@ from jax import Array
 from pl_mc.input_errors import require_choice
 from pl_mc.kernels import Estimate, LeastSquaresSolution, LinearModel, irls, protection_levels
 from pl_mc.kernels.linear_model import per_lane, product
+from pl_mc.kernels.parameters import static, traced
 from pl_mc.methods.base import Outcome, outcome_of
 from pl_mc.methods.igg3 import Igg3
 from pl_mc.methods.raim_levels import at_dof, require_risks, thresholds
@@ -20,6 +21,7 @@ from pl_mc.methods.raim_levels import at_dof, require_risks, thresholds
 GATES = ("weighted", "unweighted", "ls")
 
 
+@traced
 @dataclass(frozen=True)
 class GatedIgg3(Igg3):
     """IGG-III that also rejects where a square sum of residuals exceeds its chi-square threshold.
@@ -36,8 +38,8 @@ class GatedIgg3(Igg3):
             ``ls`` V' P V of least squares, the usual test (Guo et al. 2022, eqs 14-15).
     """
 
-    p_fa: float = 1e-3
-    gate: str = "weighted"
+    p_fa: float = static(1e-3)
+    gate: str = static("weighted")
 
     key = "igg3_gated"
     scales_with_k = "k_vertical"

@@ -10,10 +10,12 @@ import jax.numpy as jnp
 from pl_mc.constants import K_HORIZONTAL, K_VERTICAL
 from pl_mc.kernels import Estimate, IrlsOptions, LeastSquaresSolution, LinearModel, irls
 from pl_mc.kernels.linear_model import COORDINATES, per_lane
+from pl_mc.kernels.parameters import static, traced
 from pl_mc.kernels.weights import L1Weight
 from pl_mc.methods.base import Estimator
 
 
+@traced
 @dataclass(frozen=True)
 class L1(Estimator):
     """The position with the smallest sum of |residual| / sigma, by weights 1 / max(|u|, eps) (Schlossmacher 1973).
@@ -38,7 +40,7 @@ class L1(Estimator):
 
     key = "l1"
 
-    iterations: int = 50
+    iterations: int = static(50)
     eps: float = 1e-4
     k_horizontal: float = K_HORIZONTAL
     k_vertical: float = K_VERTICAL

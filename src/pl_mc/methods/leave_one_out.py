@@ -9,6 +9,7 @@ from jax import Array
 from pl_mc.constants import K_HORIZONTAL, K_VERTICAL
 from pl_mc.kernels import LeastSquaresSolution, LinearModel
 from pl_mc.kernels.leave_one_out import Projections, all_in_view, projections, standardised
+from pl_mc.kernels.parameters import static, traced
 from pl_mc.methods.base import Outcome
 from pl_mc.methods.exclusion import Excluding, exclude_and_test
 from pl_mc.methods.raim_levels import NONCENTRAL, P_FA, P_MD, SIGMA, at_dof, decided, thresholds
@@ -17,6 +18,7 @@ from pl_mc.methods.raim_levels import NONCENTRAL, P_FA, P_MD, SIGMA, at_dof, dec
 _Checked = tuple[Projections, Array]
 
 
+@traced
 @dataclass(frozen=True)
 class LeaveOneOut(Excluding):
     """Least squares; where V'PV > T, the best of the n sets that leave one satellite out, if it passes its test.
@@ -42,9 +44,9 @@ class LeaveOneOut(Excluding):
 
     key = "leave_one_out"
 
-    p_fa: float = P_FA
-    p_md: float = P_MD
-    form: str = NONCENTRAL
+    p_fa: float = static(P_FA)
+    p_md: float = static(P_MD)
+    form: str = static(NONCENTRAL)
     k_horizontal: float = K_HORIZONTAL
     k_vertical: float = K_VERTICAL
 

@@ -17,6 +17,7 @@ from dataclasses import dataclass
 
 from pl_mc.constants import K_HORIZONTAL, K_VERTICAL
 from pl_mc.kernels import Estimate, IrlsOptions, LeastSquaresSolution, LinearModel, WeightFunction, irls
+from pl_mc.kernels.parameters import static
 from pl_mc.methods.base import Estimator
 
 
@@ -37,13 +38,13 @@ class MEstimator(Estimator, ABC):
         k_horizontal, k_vertical: multipliers of the protection levels.
     """
 
-    iterations: int | None = None
-    scale: str = "posterior_floored"
-    cofactor: str = "fault_free"
-    redundancy: str = "all"
-    start: str = "ls"
+    iterations: int | None = static(None)
+    scale: str = static("posterior_floored")
+    cofactor: str = static("fault_free")
+    redundancy: str = static("all")
+    start: str = static("ls")
     weight_floor: float = 0.0
-    acceleration: str | None = None
+    acceleration: str | None = static(None)
     k_horizontal: float = K_HORIZONTAL
     k_vertical: float = K_VERTICAL
 

@@ -13,12 +13,14 @@ from pl_mc.kernels import LinearModel, ProtectionLevels
 from pl_mc.kernels.estimate import safe_sqrt
 from pl_mc.kernels.leave_one_out import Projections, covariance_of, effect_floor, projections
 from pl_mc.kernels.linear_model import COORDINATES, redundancy_floor
+from pl_mc.kernels.parameters import static, traced
 from pl_mc.methods.base import require_multipliers
 from pl_mc.methods.raim_levels import NONCENTRAL, P_FA, P_MD, ChiSquareTested, at_dof, protected_sizes, require_risks
 
 CHANGE, SUBSET = "change", "subset"
 
 
+@traced
 @dataclass(frozen=True)
 class MaxDop(ChiSquareTested):
     """RAIM by the largest change of the DOP, or by the largest DOP, of all sets that leave one satellite out.
@@ -42,9 +44,9 @@ class MaxDop(ChiSquareTested):
 
     key = "max_dop"
 
-    p_fa: float = P_FA
-    p_md: float = P_MD
-    form: str = CHANGE
+    p_fa: float = static(P_FA)
+    p_md: float = static(P_MD)
+    form: str = static(CHANGE)
     k_horizontal: float = K_HORIZONTAL
     k_vertical: float = K_VERTICAL
 

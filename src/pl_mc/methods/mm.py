@@ -9,6 +9,7 @@ import jax.numpy as jnp
 from pl_mc.constants import K_HORIZONTAL, K_VERTICAL
 from pl_mc.input_errors import require_choice
 from pl_mc.kernels import Estimate, IrlsOptions, LeastSquaresSolution, LinearModel
+from pl_mc.kernels.parameters import static, traced
 from pl_mc.kernels.reweighting import reweighted
 from pl_mc.kernels.s_estimate import SOptions, s_estimate
 from pl_mc.kernels.weights import TukeyWeight
@@ -18,6 +19,7 @@ FLOORED, BARE = "s_floored", "s"
 SCALES = (FLOORED, BARE)
 
 
+@traced
 @dataclass(frozen=True)
 class MM(Estimator):
     """An S-estimate, then Tukey's weights from its residuals with its scale, which stays fixed (Yohai 1987).
@@ -41,11 +43,11 @@ class MM(Estimator):
     key = "mm"
 
     c: float = 4.685
-    iterations: int = 10
-    s_steps: int = 10
-    scale: str = FLOORED
-    cofactor: str = "fault_free"
-    redundancy: str = "all"
+    iterations: int = static(10)
+    s_steps: int = static(10)
+    scale: str = static(FLOORED)
+    cofactor: str = static("fault_free")
+    redundancy: str = static("all")
     k_horizontal: float = K_HORIZONTAL
     k_vertical: float = K_VERTICAL
 

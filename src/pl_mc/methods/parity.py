@@ -13,6 +13,7 @@ from pl_mc.input_errors import InputError
 from pl_mc.kernels import LeastSquaresSolution, LinearModel, ProtectionLevels
 from pl_mc.kernels.leave_one_out import Projections, all_in_view, before_observations, parity_basis, projections
 from pl_mc.kernels.linear_model import COORDINATES, product, redundancy_floor
+from pl_mc.kernels.parameters import static, traced
 from pl_mc.methods.base import Outcome
 from pl_mc.methods.exclusion import Excluding, exclude_and_test
 from pl_mc.methods.raim_levels import LINE, P_FA, P_MD, SIGMA, at_dof, decided, thresholds
@@ -38,6 +39,7 @@ class Prepared:
     levels: ProtectionLevels
 
 
+@traced
 @dataclass(frozen=True)
 class Parity(Excluding):
     """Parity-space RAIM (after Sturza 1988): p = Q z with Q A = 0 and Q Q' = I; |p|^2 > T rejects.
@@ -71,9 +73,9 @@ class Parity(Excluding):
 
     key = "parity"
 
-    p_fa: float = P_FA
-    p_md: float = P_MD
-    form: str = LINE
+    p_fa: float = static(P_FA)
+    p_md: float = static(P_MD)
+    form: str = static(LINE)
     exclude: bool = False
     k_horizontal: float = K_HORIZONTAL
     k_vertical: float = K_VERTICAL

@@ -6,6 +6,7 @@ from collections.abc import Sequence
 from typing import Any
 
 from pl_mc.geometry.record import Geometry
+from pl_mc.kernels.parameters import with_numbers
 from pl_mc.methods.araim import Araim
 from pl_mc.methods.base import Method
 from pl_mc.methods.danish import Danish
@@ -59,7 +60,7 @@ def as_methods(methods: Sequence[str | Method], g: Geometry | None = None) -> tu
 
     With a geometry also for those that say by a function ``require_geometry`` of theirs that they cannot be used there.
     """
-    return fit_for(as_records(methods, METHODS, Method, what="method"), g)
+    return fit_for(as_records(methods, METHODS, Method, what="method", read=with_numbers), g)
 
 
 def fit_for(methods: tuple[Any, ...], g: Geometry | None) -> tuple[Any, ...]:

@@ -10,6 +10,7 @@ from pl_mc.constants import K_VERTICAL
 from pl_mc.kernels import LeastSquaresSolution, LinearModel, ProtectionLevels
 from pl_mc.kernels.leave_one_out import covariance_of
 from pl_mc.kernels.linear_model import COORDINATES
+from pl_mc.kernels.parameters import traced
 from pl_mc.methods.base import Named, Outcome, require_multipliers
 from pl_mc.methods.raim_levels import decided, sigma_levels
 
@@ -17,6 +18,7 @@ from pl_mc.methods.raim_levels import decided, sigma_levels
 K_HORIZONTAL_APPROACH = 6.0
 
 
+@traced
 @dataclass(frozen=True)
 class Sbas(Named):
     """HPL = K_H d_major and VPL = K_V d_U (RTCA DO-229, appendix J), with the variances of N^-1 = (A'PA)^-1.

@@ -4,10 +4,12 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
+from pl_mc.kernels.parameters import traced
 from pl_mc.kernels.weights import TukeyWeight
 from pl_mc.methods.m_estimator import MEstimator
 
 
+@traced
 @dataclass(frozen=True)
 class Tukey(MEstimator):
     """Weights (1 - (u / c)^2)^2 up to c, zero beyond (Beaton & Tukey 1974); levels as in `MEstimator`.

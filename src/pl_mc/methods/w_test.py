@@ -25,6 +25,7 @@ from pl_mc.kernels.leave_one_out import (
     square_sum,
     standardised,
 )
+from pl_mc.kernels.parameters import static, traced
 from pl_mc.methods.base import Named, Outcome, require_multipliers
 from pl_mc.methods.exclusion import LEAST_FREEDOM
 from pl_mc.methods.raim_levels import P_FA, SIGMA, at_dof, decided, require_risks, sigma_levels, thresholds
@@ -37,6 +38,7 @@ LOCAL, GLOBAL, BOTH = "local", "global", "both"
 MOST_EXCLUSIONS = 8
 
 
+@traced
 @dataclass(frozen=True)
 class WTest(Named):
     """Data snooping (Baarda 1968): w_i = e_i / sqrt(r_i) against the two-sided normal quantile of alpha.
@@ -72,13 +74,13 @@ class WTest(Named):
 
     key = "w_test"
 
-    alpha: float = 1e-3
-    power: float = 0.8
-    exclusions: int = 1
-    final: str = BOTH
-    p_fa: float = P_FA
-    form: str = SIGMA
-    variance: str = APRIORI
+    alpha: float = static(1e-3)
+    power: float = static(0.8)
+    exclusions: int = static(1)
+    final: str = static(BOTH)
+    p_fa: float = static(P_FA)
+    form: str = static(SIGMA)
+    variance: str = static(APRIORI)
     k_horizontal: float = K_HORIZONTAL
     k_vertical: float = K_VERTICAL
 

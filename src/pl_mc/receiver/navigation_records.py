@@ -1,7 +1,8 @@
 """Broadcast ephemerides as checked records, and the coefficients of the ionosphere, of one or several files.
 
 Every record is held to what its message can say (IS-GPS-200, tables 20-I and 20-III; BDS-SIS-ICD-2.1, tables 5-8 to
-5-10); one that says anything else costs itself and a note. Whether a satellite may be used its records say too.
+5-10; Galileo OS SIS ICD 2.1, 5.1); one that says anything else costs itself and a note. Whether a satellite may be used
+its records say too.
 """
 
 from __future__ import annotations
@@ -9,7 +10,7 @@ from __future__ import annotations
 import itertools
 import math
 import re
-from collections.abc import Iterable, Iterator, Mapping, Sequence
+from collections.abc import Collection, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from datetime import timedelta
 from pathlib import Path
@@ -21,10 +22,10 @@ from numpy.typing import NDArray
 from pl_mc.geometry.gps_time import GPS_EPOCH
 from pl_mc.input_errors import InputError
 from pl_mc.receiver.rinex_text import RinexText, label_of, listed, read_rinex_text
-from pl_mc.receiver.signals import SYSTEMS
+from pl_mc.receiver.signals import GROUP_DELAYS, LNAV, OWN_GROUP_DELAYS, SYSTEMS, Observable
 from pl_mc.runtime import sidereon_adapter as library
 
-# What the elements of an orbit can be: the reach of their bits, the wider one of GPS and BeiDou, angles up to a turn.
+# What the elements of an orbit can be: the widest reach of their bits, angles up to a turn.
 _TURN = 6.2832
 _ELEMENTS: Mapping[str, tuple[float, float]] = {
     "crs": (-2048.0, 2048.0),  # [m]
@@ -46,7 +47,9 @@ _ELEMENTS: Mapping[str, tuple[float, float]] = {
     "idot": (-3e-9, 3e-9),  # [rad/s]
 }
 _CLOCK: Mapping[str, tuple[float, float]] = {"af0": (-1e-3, 1e-3), "af1": (-4e-9, 4e-9), "af2": (-4e-15, 4e-15)}
-_LARGEST_GROUP_DELAY_S = 6e-8
+_CLOCK_GALILEO: Mapping[str, tuple[float, float]] = {
+    "af0": (-0.063, 0.063), "af1": (-1.5e-8, 1.5e-8), "af2": (-6e-17, 6e-17),
+}  # fmt: skip
 
 # Eight bits each of alpha and beta of the ionosphere (IS-GPS-200, table 20-X); BeiDou's reach as far.
 _LARGEST_KLOBUCHAR = 128 * np.array([2.0**-30, 2.0**-27, 2.0**-24, 2.0**-24, 2.0**11, 2.0**14, 2.0**16, 2.0**16])
@@ -61,7 +64,7 @@ _WEEK_S, _WEEKS_PER_CYCLE = 604_800.0, 1024
 # Header lines with coefficients of the ionosphere: of RINEX 2, and of RINEX 3 by their first four letters.
 _IONOSPHERE_2: Mapping[str, tuple[str, str]] = {"G": ("ION ALPHA", "ION BETA")}
 _IONOSPHERE_3: Mapping[str, tuple[str, str]] = {"G": ("GPSA", "GPSB"), "C": ("BDSA", "BDSB")}
-_ION = re.compile(r"> ION (?:G.. +LNAV|C.. +D1D2)", re.ASCII)
+_ION = re.compile(r"> ION (?:G.. +(?:LNAV|CNVX)|C.. +D1D2)", re.ASCII)
 _ION_WIDTH = 12
 
 
@@ -71,28 +74,30 @@ class Ephemeris:
 
     Attributes:
         name: of the satellite.
+        message: that it was sent in, such as LNAV.
         toe_gps_s: reference time [s since 1980-01-06, GPS time].
         sent_gps_s: time of transmission, or minus infinity where the record says none.
-        healthy: whether the satellite says that it may be used.
+        health: bits by which the satellite forbids the use of its signals.
         predicted: whether its accuracy is predicted at all.
-        group_delays_s: TGD and 0 of GPS, TGD1 and TGD2 of BeiDou [s].
+        group_delays_s: those that it has, by the names in `pl_mc.receiver.signals` [s].
         week_gps_s: begin of the week of ``toe_gps_s`` in which the record counts seconds.
         record: what the library evaluates.
     """
 
     name: str
+    message: str
     toe_gps_s: float
     sent_gps_s: float
-    healthy: bool
+    health: int
     predicted: bool
-    group_delays_s: tuple[float, float]
+    group_delays_s: Mapping[str, float]
     week_gps_s: float
     record: Any
 
     @property
-    def usable(self) -> bool:
-        """Whether the satellite says that it may be used, and how well."""
-        return self.healthy and self.predicted
+    def forbids(self) -> bool:
+        """Whether the satellite says that something of it may not be used, or not how well."""
+        return self.health != 0 or not self.predicted
 
 
 @dataclass(frozen=True)
@@ -100,7 +105,7 @@ class Navigation:
     """What navigation files say.
 
     Attributes:
-        ephemerides: of each satellite by reference time; of equal ones the one that was sent last.
+        ephemerides: of each satellite by reference time; of equal ones of a message the one that was sent last.
         klobuchar: (8,) coefficients alpha and beta of the ionosphere by system letter, G and C.
         notes: sentences about what was left out.
     """
@@ -109,11 +114,32 @@ class Navigation:
     klobuchar: Mapping[str, NDArray[np.float64]]
     notes: tuple[str, ...]
 
+    def message_for(self, observable: Observable) -> str:
+        """The message whose clock is used for what is made of pseudoranges; empty where none has what it takes."""
+        system = observable.signals[0].system
+        every = [one for name, own in self.ephemerides.items() if name[0] == system for one in own]
+        for message in observable.messages:
+            needed = observable.group_delays(message)
+            if any(one.message == message and needed.keys() <= one.group_delays_s.keys() for one in every):
+                return message
+        return ""
 
-def read_navigation(paths: Sequence[str | Path], systems: Sequence[str]) -> Navigation:
+    def of(self, name: str, message: str) -> list[Ephemeris]:
+        """The ephemerides of a satellite in one message, by reference time."""
+        return [one for one in self.ephemerides.get(name, ()) if one.message == message]
+
+
+def read_navigation(
+    paths: Sequence[str | Path], systems: Sequence[str], told: Mapping[str, Collection[str]] | None = None
+) -> Navigation:
     """Read navigation files of any version, and put together what they say of the systems.
 
     Coefficients of the ionosphere are those of the first file that has any but zeros.
+
+    Args:
+        paths: the files.
+        systems: RINEX letters.
+        told: messages of each system of which a damaged record is worth a note; all unless given.
 
     Raises:
         InputError: a file that is no navigation file.
@@ -123,7 +149,7 @@ def read_navigation(paths: Sequence[str | Path], systems: Sequence[str]) -> Navi
     notes: list[str] = []
     for path in paths:
         file = read_rinex_text(path, "navigation")
-        found, left_out = _ephemerides(file, systems)
+        found, left_out = _ephemerides(file, systems, told)
         records += found
         for letter, one in _klobuchar(file, left_out).items():
             if letter not in klobuchar or (one.any() and not klobuchar[letter].any()):
@@ -133,7 +159,9 @@ def read_navigation(paths: Sequence[str | Path], systems: Sequence[str]) -> Navi
     return Navigation(_merged(records), klobuchar, tuple(notes))
 
 
-def _ephemerides(file: RinexText, systems: Sequence[str]) -> tuple[list[Ephemeris], list[str]]:
+def _ephemerides(
+    file: RinexText, systems: Sequence[str], told: Mapping[str, Collection[str]] | None
+) -> tuple[list[Ephemeris], list[str]]:
     """The sound records of a file, and what is to be said of the others."""
     if file.generation == 2 and file.header[0][20] != "N":
         return [], ["all of it, which is of other systems"]
@@ -155,6 +183,8 @@ def _ephemerides(file: RinexText, systems: Sequence[str]) -> tuple[list[Ephemeri
         if letter not in systems or record.message.label not in SYSTEMS[letter].messages:
             continue
         fault = _fault(record)
+        if fault and told is not None and SYSTEMS[letter].messages[record.message.label] not in told[letter]:
+            continue
         if fault:
             left_out.append(f"the record of {record.satellite} of {_where(file, record)} ({fault})")
         else:
@@ -203,15 +233,19 @@ def _fault(record: Any) -> str:
     system, name = SYSTEMS[record.satellite[0]], record.satellite
     if not 1 <= int(name[1:]) <= system.highest_number:
         return "there is no such satellite"
-    for part, ranges in ((record.elements, _ELEMENTS), (record.clock, _CLOCK)):
+    message = system.messages[record.message.label]
+    clock = _CLOCK_GALILEO if name[0] == "E" else _CLOCK
+    for part, ranges in ((record.elements, _ELEMENTS), (record.clock, clock)):
         for field, (low, high) in ranges.items():
             value = getattr(part, field)
             if not low <= value <= high:
                 return f"its {field} is {value:g}, and no message can say other than {low:g} to {high:g}"
     delays_s = _group_delays_s(record)
-    if None in delays_s or not max(map(abs, delays_s)) <= _LARGEST_GROUP_DELAY_S:  # type: ignore[arg-type]
-        return f"its group delays are {delays_s[0]} and {delays_s[1]} s"
-    if name[0] == "G" and record.iodc is None:
+    for delay in (*OWN_GROUP_DELAYS[message], *delays_s):
+        delay_s = delays_s.get(delay)
+        if delay_s is None or not abs(delay_s) <= system.largest_group_delay_s:
+            return f"its {delay} is {'missing' if delay_s is None else f'{delay_s:g} s'}"
+    if message == LNAV and record.iodc is None:
         return "a number is missing beside its group delay"
     if not (math.isfinite(record.sv_health) and record.sv_health >= 0 and record.sv_health == int(record.sv_health)):
         return f"its health is {record.sv_health:g}"
@@ -236,16 +270,15 @@ def _ephemeris(record: Any) -> Ephemeris:
     else:
         sent_s = toe_s + (sent_s - record.toe_tow_s + _WEEK_S / 2) % _WEEK_S - _WEEK_S / 2
     accuracy_m = record.sv_accuracy_m
-    first, second = _group_delays_s(record)
-    assert first is not None
-    assert second is not None
     return Ephemeris(
         name=record.satellite,
+        message=system.messages[record.message.label],
         toe_gps_s=toe_s,
         sent_gps_s=sent_s,
-        healthy=record.sv_health == 0,
-        predicted=accuracy_m is None or 0 <= accuracy_m <= system.largest_accuracy_m,
-        group_delays_s=(first, second),
+        health=int(record.sv_health),
+        # Of CNAV the library gives no accuracy where the index promises none.
+        predicted=not record.is_cnav_family if accuracy_m is None else 0 <= accuracy_m <= system.largest_accuracy_m,
+        group_delays_s=_group_delays_s(record),
         week_gps_s=toe_s - record.toe_tow_s,
         record=record,
     )
@@ -257,22 +290,21 @@ def _clock_s(record: Any) -> float:
     return float((record.toc_week + system.first_gps_week) * _WEEK_S + record.toc_tow_s + system.behind_gps_s)
 
 
-def _group_delays_s(record: Any) -> tuple[float | None, float | None]:
-    delays = record.group_delays
-    if record.satellite[0] == "G":
-        return delays.gps_tgd_s, 0.0
-    return delays.beidou_tgd1_s, delays.beidou_tgd2_s
+def _group_delays_s(record: Any) -> dict[str, float]:
+    """The group delays that a record has, by their names."""
+    given = {name: getattr(record.group_delays, of_library) for name, of_library in GROUP_DELAYS.items()}
+    return {name: delay_s for name, delay_s in given.items() if delay_s is not None}
 
 
 def _merged(records: Iterable[Ephemeris]) -> dict[str, tuple[Ephemeris, ...]]:
     """Records of each satellite by toe; of equal toe the one sent last, and of these one that forbids the use."""
-    by_satellite: dict[str, dict[float, Ephemeris]] = {}
+    by_satellite: dict[str, dict[tuple[float, str], Ephemeris]] = {}
     for one in records:
-        same = by_satellite.setdefault(one.name, {})
-        other = same.get(one.toe_gps_s)
-        if other is None or (one.sent_gps_s, not one.usable) >= (other.sent_gps_s, not other.usable):
-            same[one.toe_gps_s] = one
-    return {name: tuple(same[toe] for toe in sorted(same)) for name, same in sorted(by_satellite.items())}
+        same, key = by_satellite.setdefault(one.name, {}), (one.toe_gps_s, one.message)
+        other = same.get(key)
+        if other is None or (one.sent_gps_s, one.forbids) >= (other.sent_gps_s, other.forbids):
+            same[key] = one
+    return {name: tuple(same[key] for key in sorted(same)) for name, same in sorted(by_satellite.items())}
 
 
 def _klobuchar(file: RinexText, left_out: list[str]) -> dict[str, NDArray[np.float64]]:

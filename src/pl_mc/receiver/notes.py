@@ -113,7 +113,8 @@ def satellite_notes(
     low, high = PLAUSIBLE_PSEUDORANGE_M
     reasons = (
         ("left out as unhealthy", data.unhealthy[known]),
-        ("left out, as no accuracy is predicted (URA)", data.unpredicted[known]),
+        ("left out, as no accuracy is predicted (URA, SISA)", data.unpredicted[known]),
+        ("left out for want of the second of two carriers", data.one_carrier[known]),
         ("left out for want of a usable ephemeris", data.no_ephemeris[known]),
         (f"left out for a pseudorange outside {low:.3g} to {high:.3g} m", observed & ~plausible),
         ("left out below the mask, where the ephemeris puts it but not its pseudorange", misfit),

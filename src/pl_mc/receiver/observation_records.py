@@ -18,8 +18,8 @@ from pl_mc.geometry.gps_time import GPS_EPOCH
 from pl_mc.geometry.record import SYSTEM_NAMES
 from pl_mc.input_errors import InputError
 from pl_mc.receiver.observation_blocks import COLUMNS, Block, readable
-from pl_mc.receiver.rinex_text import RinexText, label_of, listed, read_rinex_text
-from pl_mc.receiver.signals import SYSTEMS, Signal, signal_of
+from pl_mc.receiver.rinex_text import RinexText, label_of, listed
+from pl_mc.receiver.signals import SYSTEMS, Observable, Signal
 from pl_mc.runtime import sidereon_adapter as library
 
 # How far systems of time are behind that of GPS [s]; Galileo and QZSS run with it by design (RINEX 3.05, 4.2).
@@ -33,6 +33,9 @@ _SAME_M = 1.5e-3
 
 _NAME = re.compile(r"[A-Z ][ \d]\d", re.ASCII)
 _VALUE = re.compile(r" *-?\d*\.\d{3}", re.ASCII)
+
+# Names of RINEX 2 as the library gives them.
+_CODES_2 = {"C1": "C1C", "P1": "C1W", "P2": "C2W", "C2": "C2X", "C5": "C5X"}
 
 # Header lines that say where the antenna is, or whose it is.
 _PLACE = (
@@ -64,7 +67,9 @@ class Observations:
         path: the file.
         time_gps_s: (e,), epochs by the receiver's clock [s since 1980-01-06, GPS time].
         names: m satellites by RINEX name.
-        pseudorange_m: (e, m) [m]; NaN where missing.
+        observables: what is made of the pseudoranges of each system letter.
+        pseudorange_m: (e, m), that [m]; NaN where missing.
+        one_carrier: (e, m), where one of the two pseudoranges that are needed is missing.
         header_position_m: (3,), approximate position of the header [m]; NaN where absent.
         epochs_in_file: number of epochs of the file, with those that hold no pseudorange of the systems.
         events: those that move or change the antenna or the site.
@@ -75,7 +80,9 @@ class Observations:
     path: Path
     time_gps_s: NDArray[np.float64]
     names: tuple[str, ...]
+    observables: Mapping[str, Observable]
     pseudorange_m: NDArray[np.float64]
+    one_carrier: NDArray[np.bool_]
     header_position_m: NDArray[np.float64]
     epochs_in_file: int
     events: tuple[Event, ...]
@@ -83,50 +90,66 @@ class Observations:
     notes: tuple[str, ...]
 
 
-def read_observations(path: str | Path, systems: Sequence[str]) -> Observations:
+def read_observations(file: RinexText, candidates: Mapping[str, Sequence[Observable]]) -> Observations:
     """Read an observation file of any version; what cannot be read in it is left out and told.
 
+    Args:
+        file: the file.
+        candidates: of each system letter, what can be made of its pseudoranges; the first that the file has counts.
+
     Raises:
-        InputError: a file of another kind, a header that cannot be read, times of a system that is not read, or no
-            epoch at all.
+        InputError: a header that cannot be read, times of a system that is not read, or no epoch at all.
     """
-    file = read_rinex_text(path, "observation")
     # Of RINEX 2, whose names of other systems' signals nobody settled, GPS is read.
-    candidates = {letter: _codes(file, signal_of(letter)) for letter in systems if file.generation > 2 or letter == "G"}
-    read, blocks, left_out = readable(file, candidates)
+    able = {letter: every for letter, every in candidates.items() if file.generation > 2 or letter == "G"}
+    every_code = {
+        letter: tuple(dict.fromkeys(code for one in every for signal in one.signals for code in _codes(file, signal)))
+        for letter, every in able.items()
+    }
+    read, blocks, left_out = readable(file, every_code)
     said = [f"Left out of {file.path.name}, as it cannot be read: {listed(left_out)}."] if left_out else []
     behind_s = _behind_gps_s(file, read, said)
-    found, chosen = _chosen(file, read, candidates, said)
-    policy = library.policy({letter: (code,) for letter, code in chosen.items()})
+    found, chosen = _chosen(file, read, able, said)
+    # The codes of first signals, and those of second ones.
+    parts = [
+        {letter: codes[k] for letter, (_, codes) in chosen.items() if len(codes) > k}
+        for k in range(max((len(codes) for _, codes in chosen.values()), default=0))
+    ]
+    policies = [library.policy({letter: (code,) for letter, code in part.items()}) for part in parts]
     wrong: list[str] = []
     epochs: list[_Epoch] = []
     columns: dict[str, list[str]] = {}
     for index, (epoch, block) in enumerate(zip(read.epochs, blocks, strict=True)):
         if index == 0 or any(label_of(line) in COLUMNS for line in block.records):
             columns = {letter: library.codes(read.header_at(index), letter) for letter in chosen}
-            for letter in [letter for letter, code in chosen.items() if code not in columns[letter]]:
+            for letter, code in [pair for part in parts for pair in part.items() if pair[1] not in columns[pair[0]]]:
                 where = f"From line {block.number} of {file.path.name} on"
-                said.append(f"{where} it has no {chosen[letter]} of {SYSTEM_NAMES[letter]}.")
+                said.append(f"{where} it has no {code} of {SYSTEM_NAMES[letter]}.")
         if epoch.flag < 2:
-            values = read.pseudoranges(index, policy)
-            by_name = dict(zip(values.satellites, values.ranges_m.tolist(), strict=True))
-            _drop_wrong(block, columns, chosen, by_name, wrong)
-            epochs.append((_gps_s(epoch.epoch) + behind_s, block, by_name))
+            ranges_m: list[dict[str, float]] = []
+            for part, policy in zip(parts, policies, strict=True):
+                values = read.pseudoranges(index, policy)
+                ranges_m.append(dict(zip(values.satellites, values.ranges_m.tolist(), strict=True)))
+                _drop_wrong(block, columns, part, ranges_m[-1], wrong)
+            epochs.append((_gps_s(epoch.epoch) + behind_s, block, _combined(ranges_m, chosen)))
     if wrong:
         said.append(f"Left out of {file.path.name}, as no satellite or no pseudorange is like that: {listed(wrong)}.")
     epochs = _in_order(file, epochs, said)
     names = sorted({name for _, _, values in epochs for name in values}, key=lambda name: (name[0] != "G", name))
     column = {name: k for k, name in enumerate(names)}
     kept = [(time_s, values) for time_s, _, values in epochs if values]
-    ranges_m = np.full((len(kept), len(names)), np.nan)
+    combined_m = np.full((len(kept), len(names)), np.nan)
+    there = np.zeros(combined_m.shape, dtype=bool)
     for row, (_, values) in enumerate(kept):
         for name, value in values.items():
-            ranges_m[row, column[name]] = value
+            combined_m[row, column[name]], there[row, column[name]] = value, True
     return Observations(
         path=file.path,
         time_gps_s=np.array([time_s for time_s, _ in kept], dtype=np.float64),
         names=tuple(names),
-        pseudorange_m=ranges_m,
+        observables={letter: observable for letter, (observable, _) in chosen.items()},
+        pseudorange_m=combined_m,
+        one_carrier=there & np.isnan(combined_m),
         header_position_m=_position_m(read.header.approx_position_m),
         epochs_in_file=len(epochs),
         events=_events(file, read, blocks, behind_s),
@@ -135,40 +158,63 @@ def read_observations(path: str | Path, systems: Sequence[str]) -> Observations:
     )
 
 
-# Time [s], block, and the pseudoranges by satellite [m].
+# Time [s], block, and what is made of the pseudoranges by satellite [m], NaN where one of two is missing.
 _Epoch = tuple[float, Block, dict[str, float]]
+
+# What is made of the pseudoranges of each system, and the code of each of its signals.
+_Chosen = dict[str, tuple[Observable, tuple[str, ...]]]
 
 
 def _codes(file: RinexText, signal: Signal) -> tuple[str, ...]:
     """Codes of a signal in the order of preference, by the names that the library gives them."""
     if file.generation == 2:
-        return tuple({"C1": "C1C", "P1": "C1W"}[code] for code in signal.codes_2)
+        return tuple(_CODES_2[code] for code in signal.codes_2)
     return signal.codes + (signal.codes_302 if float(file.version) < 3.03 else ())
 
 
 def _chosen(
-    file: RinexText, read: Any, candidates: Mapping[str, tuple[str, ...]], said: list[str]
-) -> tuple[dict[str, tuple[str, ...]], dict[str, str]]:
-    """The codes of each system of the header, and the one that is read of each: the first that has a value."""
+    file: RinexText, read: Any, candidates: Mapping[str, Sequence[Observable]], said: list[str]
+) -> tuple[dict[str, tuple[str, ...]], _Chosen]:
+    """The codes of each system of the header, and what is read of each: the first that has values, code by code."""
     found: dict[str, tuple[str, ...]] = {}
-    chosen: dict[str, str] = {}
-    for letter, codes in candidates.items():
+    chosen: _Chosen = {}
+    for letter, every in candidates.items():
         listed_codes = _ever_listed(read, letter)
         if not listed_codes:
             continue
         names = tuple(read.header.rinex2_types) if file.generation == 2 else listed_codes
         found[letter] = names
-        for code in codes:
-            policy = library.policy({letter: (code,)})
-            if code in listed_codes and any(len(read.pseudoranges(k, policy)) for k in range(read.epoch_count)):
-                chosen[letter] = code
-                if code[-1] != codes[0][-1]:
+        for observable in every:
+            codes = [_first_with_values(file, read, signal, listed_codes) for signal in observable.signals]
+            if not all(codes):
+                continue
+            chosen[letter] = observable, tuple(codes)
+            for code, signal in zip(codes, observable.signals, strict=True):
+                usual = _codes(file, signal)[0]
+                if code[-1] != usual[-1]:
                     name = names[listed_codes.index(code)] if file.generation == 2 else code
-                    said.append(
-                        f"{SYSTEM_NAMES[letter]} is read from {name}; {file.path.name} has no {codes[0]} of it."
-                    )
-                break
+                    said.append(f"{SYSTEM_NAMES[letter]} is read from {name}; {file.path.name} has no {usual} of it.")
+            break
     return found, chosen
+
+
+def _first_with_values(file: RinexText, read: Any, signal: Signal, listed_codes: Sequence[str]) -> str:
+    """The first code of a signal that the file has a value of; empty where it has none."""
+    for code in _codes(file, signal):
+        policy = library.policy({signal.system: (code,)})
+        if code in listed_codes and any(len(read.pseudoranges(k, policy)) for k in range(read.epoch_count)):
+            return code
+    return ""
+
+
+def _combined(ranges_m: Sequence[Mapping[str, float]], chosen: _Chosen) -> dict[str, float]:
+    """What is made of the pseudoranges of an epoch's satellites [m]; NaN where one of two is missing."""
+    made = {}
+    for name in dict.fromkeys(name for part in ranges_m for name in part):
+        coefficients = chosen[name[0]][0].coefficients
+        parts = zip(coefficients, ranges_m, strict=False)
+        made[name] = sum(coefficient * part.get(name, np.nan) for coefficient, part in parts)
+    return made
 
 
 def _ever_listed(read: Any, letter: str) -> tuple[str, ...]:
@@ -218,7 +264,7 @@ def _in_order(file: RinexText, epochs: list[_Epoch], said: list[str]) -> list[_E
             continue
         if common:
             alike.append(epoch)
-        one.update(other)
+        one.update({name: value for name, value in other.items() if not np.isnan(value) or name not in one})
     places = _longest_increasing([time_s for time_s, _, _ in kept])
     inside = set(places)
     for sort, what in (

@@ -11,13 +11,13 @@ from numpy.typing import NDArray
 
 from pl_mc.constants import FREQUENCY_B1I_HZ, FREQUENCY_L1_HZ
 from pl_mc.error_models import DEFAULT_ERROR_MODEL, ErrorModel, Sky, as_error_model
+from pl_mc.error_models.base import sigma_of_signal_m
 from pl_mc.geometry.frames import enu_rotation, geodetic
-from pl_mc.geometry.record import EAST, NORTH, UP, Geometry
+from pl_mc.geometry.record import EAST, NORTH, SYSTEM_NAMES, UP, Geometry
 from pl_mc.input_errors import InputError
 from pl_mc.receiver.corrections import bds_klobuchar_delay_m, klobuchar_delay_m, line_of_sight, troposphere_delay_m
 from pl_mc.receiver.notes import PLAUSIBLE_PSEUDORANGE_M, epoch_notes, event_notes, satellite_notes, truth_notes
 from pl_mc.receiver.rinex import ReceiverData, gps_date, read_rinex
-from pl_mc.receiver.signals import signal_of
 from pl_mc.receiver.truth import Truth
 
 DEFAULT_MASK_DEG = 10.0
@@ -41,12 +41,14 @@ class ReceiverSeries:
         errors_m: (e, n), pseudorange errors about the truth, 0 where padded [m]. The least-squares solution of
             an epoch's errors is its position error in east, north, up.
         truth_m: (e, 3), true Earth-fixed positions [m].
+        signals: what was read of each system, such as ``GPS L1 C/A`` or ``Galileo E1 + E5a``.
         notes: sentences about what was left out, and why.
     """
 
     geometry: Geometry
     errors_m: NDArray[np.float64]
     truth_m: NDArray[np.float64]
+    signals: tuple[str, ...]
     notes: tuple[str, ...]
 
 
@@ -56,6 +58,7 @@ def read_receiver_series(
     truth: Truth,
     *,
     systems: Sequence[str] | None = None,
+    signals: Sequence[str] | None = None,
     mask_deg: float = DEFAULT_MASK_DEG,
     error_model: str | ErrorModel = DEFAULT_ERROR_MODEL,
     ionosphere: str = "broadcast",
@@ -66,16 +69,22 @@ def read_receiver_series(
     plus broadcast ionosphere). The receiver clock stays in them, but for the median of each epoch and system,
     which is taken away so that the numbers are small; this changes the clock unknowns and nothing else.
 
+    Where two carriers are combined, sigma is that of the error model without its ionosphere and with its noise times
+    the root of the sum of the squared coefficients: 2.98 for L1 and L2 of GPS, 2.59 for E1 and E5a. On one carrier
+    outside the band of L1 and B1I its ionosphere is that of L1 times (f1/f)^2.
+
     A satellite is in view where it has a plausible pseudorange, a healthy ephemeris with a predicted accuracy within
     the window, and an elevation of at least the mask.
 
     Args:
         obs_path, nav_path: RINEX files, of navigation one or several, see `pl_mc.receiver.rinex.read_rinex`.
         truth: the true position or track, see `pl_mc.receiver.truth.read_truth`.
-        systems: RINEX letters, G and C; clock columns come in this order. Unless given, those that are there.
+        systems: RINEX letters, G, C, E and J; clock columns come in this order. Unless given, those of the first three
+            that are there.
+        signals: which signals, or pairs of them, see `pl_mc.receiver.rinex.read_rinex`.
         mask_deg: lowest elevation [deg].
         error_model: a name or a model, for the standard deviations.
-        ionosphere: ``broadcast`` or ``none``, see `pl_mc.receiver.rinex.read_rinex`.
+        ionosphere: ``broadcast``, ``none`` or ``dual``, see `pl_mc.receiver.rinex.read_rinex`.
 
     The position of a track is taken at the time that the receiver's clock shows, which is up to a millisecond off:
     centimetres for a car.
@@ -87,7 +96,7 @@ def read_receiver_series(
     if not 0 <= mask_deg < 90:
         raise InputError(f"mask_deg: {mask_deg:g} is outside 0 to 90 degrees.")
     model = as_error_model(error_model)
-    data = read_rinex(obs_path, nav_path, systems=systems, ionosphere=ionosphere)
+    data = read_rinex(obs_path, nav_path, systems=systems, signals=signals, ionosphere=ionosphere)
     clocks = tuple(dict.fromkeys(data.systems)) if systems is None else tuple(systems)
     truth_m, known = truth.at(data.time_gps_s)
     _require_usable_truth(obs_path, truth, truth_m, known, data)
@@ -121,7 +130,11 @@ def read_receiver_series(
         satellite=np.array(data.names)[column],
     )
     sigma_m = np.ones(in_view.shape)
-    sigma_m[in_view] = model.sigma_m(sky)
+    observables = [data.observables[data.systems[k]] for k in column]
+    sigma_m[in_view] = sigma_of_signal_m(
+        model, sky, noise=np.array([one.noise for one in observables]),
+        ionosphere=np.array([one.ionosphere for one in observables]),
+    )  # fmt: skip
     delay_m = _atmosphere_m(data, data.time_gps_s[known][row], column, sky, height[row])
     raw_m = pseudorange_m - range_m + data.satellite_clock_m[known]
     error_m = np.zeros(in_view.shape)
@@ -150,7 +163,8 @@ def read_receiver_series(
         *epoch_notes(data, known, in_view, clocks),
         *satellite_notes(data, known, plausible, misfit, error_m),
     )
-    return ReceiverSeries(geometry=g, errors_m=packed, truth_m=truth_m, notes=notes)
+    read = tuple(f"{SYSTEM_NAMES[letter]} {data.observables[letter].name}" for letter in clocks)
+    return ReceiverSeries(geometry=g, errors_m=packed, truth_m=truth_m, signals=read, notes=notes)
 
 
 def _atmosphere_m(
@@ -172,7 +186,8 @@ def _atmosphere_m(
         alpha=data.klobuchar_alpha,
         beta=data.klobuchar_beta,
     )
-    factor = np.array([signal_of(letter).ionosphere_factor(carrier_hz) for letter in data.systems])[column]
+    factors = {letter: one.signals[0].ionosphere_factor(carrier_hz) for letter, one in data.observables.items()}
+    factor = np.array([factors[letter] for letter in data.systems])[column]
     return factor * ionosphere_m + troposphere_m
 
 

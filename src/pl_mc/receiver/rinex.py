@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import os
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from datetime import datetime, timedelta
 from pathlib import Path
@@ -15,16 +15,18 @@ from pl_mc.constants import SPEED_OF_LIGHT_M_S
 from pl_mc.geometry.gps_time import GPS_EPOCH
 from pl_mc.geometry.orbits import ORBIT_RADIUS_M, bds_orbit
 from pl_mc.geometry.record import SYSTEM_NAMES
-from pl_mc.input_errors import InputError, require_choice, shown
+from pl_mc.input_errors import InputError, require_choice
+from pl_mc.receiver.choices import checked_signals, checked_systems, delays_needed
 from pl_mc.receiver.navigation_records import Ephemeris, Navigation, read_navigation
 from pl_mc.receiver.observation_records import Event, Observations, read_observations
-from pl_mc.receiver.signals import SIGNALS, signal_of
-from pl_mc.receiver.signals import SYSTEMS as KNOWN_SYSTEMS
+from pl_mc.receiver.rinex_text import read_rinex_text
+from pl_mc.receiver.signals import SYSTEMS, USUAL_SYSTEMS, Observable, signals_of
 
-SYSTEMS = tuple(dict.fromkeys(signal.system for signal in SIGNALS))
+# Where the ionosphere's delay is taken from: the coefficients of the navigation files, nowhere, or a second carrier.
+IONOSPHERES = ("broadcast", "none", "dual")
 
-# Where the ionosphere's delay is taken from: the coefficients of the navigation files, or nowhere.
-IONOSPHERES = ("broadcast", "none")
+# Systems whose coefficients of the ionosphere are used, in the order of preference.
+_IONOSPHERE_ORDER = ("G", "C")
 
 # What became of each pseudorange.
 _ABSENT, _USABLE, _NO_EPHEMERIS, _UNHEALTHY, _UNPREDICTED = range(5)
@@ -38,13 +40,15 @@ class ReceiverData:
         time_gps_s: (e,), epochs by the receiver's clock [s since 1980-01-06, GPS time].
         names: m satellites by RINEX name, GPS first.
         systems: m RINEX letters.
-        orbits: m classes of orbit: GPS, BDS-MEO, BDS-IGSO, BDS-GEO; empty where the file has no ephemeris.
-        pseudorange_m: (e, m), of the signals of `pl_mc.receiver.signals` [m]; NaN where missing.
+        orbits: m classes of orbit: GPS (QZSS too), GAL, BDS-MEO, BDS-IGSO, BDS-GEO; empty without an ephemeris.
+        observables: of each system letter, which signal its pseudoranges are of, or which two are combined.
+        pseudorange_m: (e, m), of that signal, or of both without ionosphere [m]; NaN where missing.
         satellite_position_m: (e, m, 3), Earth-fixed at transmission time [m]; NaN without usable ephemeris.
-        satellite_clock_m: (e, m), satellite clock with relativity and the group delay of the signal, as a length:
+        satellite_clock_m: (e, m), satellite clock with relativity and the group delay of the signals, as a length:
             add it to a pseudorange to remove it [m]; NaN without usable ephemeris.
-        unhealthy: (e, m), observed while the ephemeris in force says unhealthy.
-        unpredicted: (e, m), observed while the ephemeris in force predicts no accuracy (URA index 15, or negative).
+        one_carrier: (e, m), observed on one of two carriers alone.
+        unhealthy: (e, m), observed while a message in force says that one of the signals is unhealthy.
+        unpredicted: (e, m), observed while the ephemeris in force predicts no accuracy (URA index 15, SISA NAPA).
         no_ephemeris: (e, m), observed without an ephemeris within the window, or with a damaged one.
         klobuchar_alpha, klobuchar_beta: (4,), coefficients of the ionosphere model; zeros where there is none.
         ionosphere: whose model that is, G (GPS) or C (BeiDou); empty where the delay is to be left in.
@@ -58,9 +62,11 @@ class ReceiverData:
     names: tuple[str, ...]
     systems: tuple[str, ...]
     orbits: tuple[str, ...]
+    observables: Mapping[str, Observable]
     pseudorange_m: NDArray[np.float64]
     satellite_position_m: NDArray[np.float64]
     satellite_clock_m: NDArray[np.float64]
+    one_carrier: NDArray[np.bool_]
     unhealthy: NDArray[np.bool_]
     unpredicted: NDArray[np.bool_]
     no_ephemeris: NDArray[np.bool_]
@@ -78,6 +84,7 @@ def read_rinex(
     navigation_path: str | Path | Sequence[str | Path],
     *,
     systems: Sequence[str] | None = None,
+    signals: Sequence[str] | None = None,
     ionosphere: str = "broadcast",
 ) -> ReceiverData:
     """Read an observation file and one or several navigation files.
@@ -86,33 +93,45 @@ def read_rinex(
     alone), 3 and 4 are read; the files may be of different ones. A line or a record that cannot be read, or says
     what no satellite sends, costs itself and a note.
 
-    Of the ephemerides of a satellite the one with the nearest reference time toe counts, within 2 h (GPS and
-    BeiDou alike). GPS time is BeiDou time plus 14 s.
+    Of the ephemerides of a satellite the one with the nearest reference time toe counts, within 2 h; of Galileo, whose
+    toe is past when they are sent, the last one, within 4 h. They are of the message that belongs to the signal: of
+    Galileo I/NAV to E1, E5b and both, F/NAV to E5a and to E1 with E5a. Group delays are those of the signal, or of the
+    two; a signal whose delays the files do not have is not read. GPS time is BeiDou time plus 14 s.
 
     Args:
         observation_path: the observation file.
         navigation_path: the navigation file, or a sequence of them, whose messages are put together.
-        systems: RINEX letters; G (GPS) and C (BeiDou) are read, of the codes in `pl_mc.receiver.signals`. Those of
-            both that the files have unless given.
+        systems: RINEX letters; G (GPS), C (BeiDou), E (Galileo) and J (QZSS) are read. Those of the first three that
+            the files have unless given.
+        signals: a signal for some of the systems, such as L5 or E5a, or two, such as E1+E5b, by the rows of
+            `pl_mc.receiver.signals`. L1 C/A, B1I and E1 unless given; of two the first pair that the files have of
+            L1 P(Y) or C/A and L2 P(Y), L2C or L5, B1I and B3I or B2I, E1 and E5a or E5b.
         ionosphere: ``broadcast``: the coefficients of GPS, or where no file has them those of BeiDou; ``none``:
-            no coefficients, the delay stays in.
+            no coefficients, the delay stays in; ``dual``: pseudoranges of two carriers are combined so that it
+            cancels, (f1^2 P1 - f2^2 P2) / (f1^2 - f2^2).
 
     Raises:
         InputError: a file that is missing, of another kind or version, or of another day; a system that is not
             read or not there; no coefficients. One sentence, which names the file and what can be done.
     """
     require_choice(ionosphere, IONOSPHERES, field="ionosphere")
-    letters = SYSTEMS if systems is None else _checked_systems(systems)
+    letters = USUAL_SYSTEMS if systems is None else checked_systems(systems)
+    asked = checked_signals(signals, letters, dual=ionosphere == "dual")
     paths = _checked_paths(navigation_path)
-    observations = read_observations(observation_path, letters)
-    navigation = read_navigation(paths, letters)
-    used, notes = _used_systems(observations, navigation, paths, letters, asked=systems is not None)
+    file = read_rinex_text(observation_path, "observation")
+    told = {letter: {message for one in asked[letter] for message in one.messages[:1]} for letter in letters}
+    navigation = read_navigation(paths, letters, told)
+    able = {letter: [one for one in asked[letter] if navigation.message_for(one)] for letter in letters}
+    for every in able.values():
+        every.sort(key=lambda one: one.neglected_m(navigation.message_for(one)))
+    observations = read_observations(file, {letter: able[letter] or asked[letter] for letter in letters})
+    used, notes = _used_systems(observations, navigation, paths, asked, asked=systems is not None)
     columns = np.array([k for k, name in enumerate(observations.names) if name[0] in used])
     rows = np.isfinite(observations.pseudorange_m[:, columns]).any(axis=1)
     names = tuple(observations.names[k] for k in columns)
     pseudorange_m = observations.pseudorange_m[rows][:, columns]
     time_gps_s = observations.time_gps_s[rows]
-    state, position_m, clock_m = _states(time_gps_s, names, pseudorange_m, navigation)
+    state, position_m, clock_m = _states(time_gps_s, names, pseudorange_m, navigation, observations.observables)
     _require_same_time(observations, navigation, paths, time_gps_s, state, used)
     radius_m = np.linalg.norm(position_m, axis=-1)
     placed = (radius_m > ORBIT_RADIUS_M[0]) & (radius_m < ORBIT_RADIUS_M[1]) & np.isfinite(clock_m)
@@ -122,9 +141,11 @@ def read_rinex(
         names=names,
         systems=tuple(name[0] for name in names),
         orbits=tuple(_orbit(navigation.ephemerides.get(name, ())) for name in names),
+        observables={letter: observations.observables[letter] for letter in used},
         pseudorange_m=pseudorange_m,
         satellite_position_m=np.where(placed[..., None], position_m, np.nan),
         satellite_clock_m=np.where(placed, clock_m, np.nan),
+        one_carrier=observations.one_carrier[rows][:, columns],
         unhealthy=state == _UNHEALTHY,
         unpredicted=state == _UNPREDICTED,
         no_ephemeris=(state == _NO_EPHEMERIS) | ((state == _USABLE) & ~placed),
@@ -152,25 +173,6 @@ def _date(time_gps_s: float) -> datetime:
     return GPS_EPOCH + timedelta(seconds=float(time_gps_s))
 
 
-def _checked_systems(systems: Sequence[str]) -> tuple[str, ...]:
-    if not isinstance(systems, Sequence):
-        raise InputError(f"systems: a sequence of RINEX letters is needed, not {shown(systems)}.")
-    letters = tuple(systems)
-    for letter in letters:
-        if letter not in SYSTEMS:
-            hint = ""
-            if isinstance(letter, str) and len(letter) > 1 and set(letter) <= {*SYSTEMS, " ", ";"}:
-                hint = f"; they are separated by commas: {','.join(one for one in letter if one in SYSTEMS)}"
-            raise InputError(
-                f"systems: {shown(letter)} is not read from receiver files; G (GPS) and C (BeiDou) are{hint}."
-            )
-    if not letters or len(set(letters)) != len(letters):
-        raise InputError(
-            f"systems: each of G and C once, or one of them, is needed, not {', '.join(letters) or 'none'}."
-        )
-    return letters
-
-
 def _checked_paths(given: str | Path | Sequence[str | Path]) -> tuple[str | Path, ...]:
     paths = (given,) if isinstance(given, str | os.PathLike) or not isinstance(given, Sequence) else tuple(given)
     if not paths:
@@ -186,65 +188,111 @@ def _used_systems(
     observations: Observations,
     navigation: Navigation,
     paths: Sequence[str | Path],
-    letters: Sequence[str],
+    candidates: Mapping[str, Sequence[Observable]],
     *,
     asked: bool,
 ) -> tuple[tuple[str, ...], list[str]]:
     """The systems that both files have, and notes about those that are not there; a refusal where one was asked for."""
     used: list[str] = []
-    missing: list[tuple[str, str]] = []
+    missing: list[tuple[Sequence[str | Path], str]] = []
+    unobserved: list[str] = []
     observed = {name[0] for name in observations.names}
     sent = {name[0] for name in navigation.ephemerides}
-    for letter in letters:
-        name, file = SYSTEM_NAMES[letter], observations.path
-        listed = observations.found.get(letter)
+    for letter, every in candidates.items():
+        name = SYSTEM_NAMES[letter]
+        listed, names = observations.found.get(letter), " or ".join(one.name for one in every)
         if listed is None:
-            found = ", ".join(f"{key} ({SYSTEM_NAMES[key]})" for key in observations.found) or "none that is read"
-            missing.append((str(file), f"it has no {name} ({letter}); its systems are {found}"))
+            unobserved.append(f"no {name} ({letter})")
         elif letter not in observed:
-            why = f"it holds no pseudorange of {name} {signal_of(letter).name}; it has {', '.join(listed)}"
-            missing.append((str(file), why))
+            why = f"it holds no pseudorange of {name} {names}; it has {', '.join(listed)}"
+            missing.append(([observations.path], why))
         elif letter not in sent:
             found = ", ".join(SYSTEM_NAMES[key] for key in sorted(sent)) or "none"
-            missing.append((_named(paths), f"it has no ephemeris of {name} that can be used; its systems: {found}"))
+            missing.append((paths, f"it has no ephemeris of {name} that can be used; its systems: {found}"))
+        elif not navigation.message_for(observations.observables[letter]):
+            missing.append((paths, f"it has no group delay of {name} {names} ({delays_needed(every)})"))
         else:
             used.append(letter)
+    # What a receiver does not observe is worth a word where little is left.
+    if unobserved and (asked or len(used) < 2):
+        found = ", ".join(f"{key} ({SYSTEM_NAMES[key]})" for key in observations.found) or "none that is read"
+        missing.append(([observations.path], f"it has {' and '.join(unobserved)}; its systems are {found}"))
     if missing and (asked or not used):
         ways = f"; choose the systems {','.join(used)}" if used else ""
         told = (*observations.notes, *navigation.notes)
         because = f" {told[0]}" if told and not used else ""
-        raise InputError(f"{': '.join(missing[0])}{ways}.{because}")
+        raise InputError(f"{_named(missing[0][0])}: {missing[0][1]}{ways}.{because}")
     alone = " and ".join(SYSTEM_NAMES[letter] for letter in used)
-    return tuple(used), [
-        f"{alone} alone is used: {os.path.basename(file)} {why.removeprefix('it ')}." for file, why in missing
+    verb = "alone is" if len(used) == 1 else "alone are"
+    notes = [
+        f"{alone} {verb} used: {_named(list(map(os.path.basename, files)))} {why.removeprefix('it ')}."
+        for files, why in missing
     ]
+    for letter in used:
+        observable = observations.observables[letter]
+        message = navigation.message_for(observable)
+        left_m = observable.neglected_m(message)
+        if left_m > 0 and (len(observable.signals) > 1 or observable.signals[0] != signals_of(letter)[0]):
+            notes.append(
+                f"{SYSTEM_NAMES[letter]} {observable.name}: {message} does not send all of its group delays; up to "
+                f"{left_m:.1f} m a satellite stays in."
+            )
+    return tuple(used), notes
 
 
 def _states(
-    time_gps_s: NDArray[np.float64], names: Sequence[str], pseudorange_m: NDArray[np.float64], navigation: Navigation
+    time_gps_s: NDArray[np.float64],
+    names: Sequence[str],
+    pseudorange_m: NDArray[np.float64],
+    navigation: Navigation,
+    observables: Mapping[str, Observable],
 ) -> tuple[NDArray[np.int8], NDArray[np.float64], NDArray[np.float64]]:
     """What became of each pseudorange (e, m), and positions (e, m, 3) and clocks (e, m) when the signals left [m]."""
     state = np.full(pseudorange_m.shape, _ABSENT, dtype=np.int8)
     position_m = np.full((*pseudorange_m.shape, 3), np.nan)
     clock_m = np.full(pseudorange_m.shape, np.nan)
+    chosen = {letter: (one, navigation.message_for(one)) for letter, one in observables.items()}
     for column, name in enumerate(names):
         rows = np.flatnonzero(np.isfinite(pseudorange_m[:, column]))
         state[rows, column] = _NO_EPHEMERIS
-        ephemerides = navigation.ephemerides.get(name, ())
-        if not ephemerides:
-            continue
-        toe_s = np.array([one.toe_gps_s for one in ephemerides])
-        nearest = _nearest(toe_s, time_gps_s[rows])
-        inside = np.abs(toe_s[nearest] - time_gps_s[rows]) <= KNOWN_SYSTEMS[name[0]].ephemeris_window_s
-        for row, place in zip(rows[inside].tolist(), nearest[inside].tolist(), strict=True):
-            one = ephemerides[place]
-            if not one.usable:
-                state[row, column] = _UNPREDICTED if one.healthy else _UNHEALTHY
+        observable, message = chosen[name[0]]
+        delays = observable.group_delays(message)
+        ephemerides = [one for one in navigation.of(name, message) if delays.keys() <= one.group_delays_s.keys()]
+        unhealthy = _unhealthy(time_gps_s[rows], name, navigation, observable)
+        for row, one, ill in zip(rows, _in_force(ephemerides, time_gps_s[rows]), unhealthy, strict=True):
+            if one is None:
+                continue
+            if ill or not one.predicted:
+                state[row, column] = _UNHEALTHY if ill else _UNPREDICTED
                 continue
             state[row, column] = _USABLE
             flight_s = float(pseudorange_m[row, column]) / SPEED_OF_LIGHT_M_S
-            position_m[row, column], clock_m[row, column] = _state(one, float(time_gps_s[row]), flight_s)
+            delay_s = sum(part * one.group_delays_s[delay] for delay, part in delays.items())
+            position_m[row, column], clock_m[row, column] = _state(one, float(time_gps_s[row]), flight_s, delay_s)
     return state, position_m, clock_m
+
+
+def _in_force(ephemerides: Sequence[Ephemeris], times_s: NDArray[np.float64]) -> list[Ephemeris | None]:
+    """At each time the ephemeris with the nearest reference time or the last one, where it is within the window."""
+    if not ephemerides:
+        return [None] * times_s.size
+    system = SYSTEMS[ephemerides[0].name[0]]
+    toe_s = np.array([one.toe_gps_s for one in ephemerides])
+    # Before the first one of all that one counts.
+    place = _nearest(toe_s, times_s) if system.sent_ahead else (np.searchsorted(toe_s, times_s) - 1).clip(0)
+    inside = np.abs(toe_s[place] - times_s) <= system.ephemeris_window_s
+    return [ephemerides[k] if near else None for k, near in zip(place.tolist(), inside.tolist(), strict=True)]
+
+
+def _unhealthy(
+    times_s: NDArray[np.float64], name: str, navigation: Navigation, observable: Observable
+) -> NDArray[np.bool_]:
+    """Whether any message in force forbids the use of one of the signals of a satellite."""
+    ill = np.zeros(times_s.size, dtype=bool)
+    for message, bits in observable.health.items():
+        in_force = _in_force(navigation.of(name, message), times_s)
+        ill |= np.array([one is not None and one.health & bits != 0 for one in in_force], dtype=bool)
+    return ill
 
 
 def _nearest(sorted_s: NDArray[np.float64], times_s: NDArray[np.float64]) -> NDArray[np.int64]:
@@ -254,7 +302,9 @@ def _nearest(sorted_s: NDArray[np.float64], times_s: NDArray[np.float64]) -> NDA
     return np.where(times_s - sorted_s[before] < sorted_s[after] - times_s, before, after)
 
 
-def _state(one: Ephemeris, received_s: float, flight_s: float) -> tuple[tuple[float, float, float], float]:
+def _state(
+    one: Ephemeris, received_s: float, flight_s: float, delay_s: float
+) -> tuple[tuple[float, float, float], float]:
     """Position [m] and clock [m] of a satellite when the signal left it that was received with that pseudorange.
 
     Receiver time minus pseudorange over c is what the satellite's clock showed, whatever the receiver clock was.
@@ -262,8 +312,6 @@ def _state(one: Ephemeris, received_s: float, flight_s: float) -> tuple[tuple[fl
     evaluate = one.record.evaluate
     shown_s = received_s - one.week_gps_s - flight_s
     found = evaluate(shown_s - evaluate(shown_s).clock_polynomial_s)
-    first, second = signal_of(one.name[0]).group_delays
-    delay_s = first * one.group_delays_s[0] + second * one.group_delays_s[1]
     clock_s = found.clock_polynomial_s + found.relativistic_clock_s - delay_s
     return (found.x_m, found.y_m, found.z_m), SPEED_OF_LIGHT_M_S * clock_s
 
@@ -297,11 +345,12 @@ def _ionosphere(
     navigation: Navigation, paths: Sequence[str | Path], asked: str, used: Sequence[str], notes: list[str]
 ) -> tuple[str, NDArray[np.float64]]:
     """Whose model of the ionosphere is used, and its coefficients (8,); GPS first, and any other than zeros."""
-    if asked == "none":
-        notes.append("The ionosphere's delay is left in (ionosphere none).")
+    if asked != "broadcast":
+        if asked == "none":
+            notes.append("The ionosphere's delay is left in (ionosphere none).")
         return "", np.zeros(8)
     there = navigation.klobuchar
-    model = next((letter for letter in SYSTEMS if letter in there and there[letter].any()), None)
+    model = next((letter for letter in _IONOSPHERE_ORDER if letter in there and there[letter].any()), None)
     if model is None and there:
         model = next(iter(there))
         notes.append(
@@ -314,7 +363,7 @@ def _ionosphere(
             "and ION BETA in the header, > ION records of RINEX 4); give a further navigation file that has them, or "
             "choose the ionosphere none (--ionosphere none), which leaves its delay in."
         )
-    if model == "C" and "G" in used:
+    if model == "C" and used != ("C",):
         notes.append("The ionosphere is corrected with the coefficients of BeiDou; there are none of GPS.")
     return model, there[model]
 
@@ -323,8 +372,8 @@ def _orbit(ephemerides: Sequence[Ephemeris]) -> str:
     """Class of orbit of a satellite, from its broadcast semi-major axes and inclinations."""
     if not ephemerides:
         return ""
-    if ephemerides[0].name.startswith("G"):
-        return "GPS"
+    if ephemerides[0].name[0] != "C":
+        return "GAL" if ephemerides[0].name[0] == "E" else "GPS"
     elements = [one.record.elements for one in ephemerides]
     root_axis = float(np.median([one.sqrt_a for one in elements]))
     return bds_orbit(root_axis**2, float(np.median([one.i0 for one in elements])))

@@ -9,6 +9,7 @@ from typing import Any
 
 import pandas as pd
 
+from pl_mc.alert import EITHER, VERTICAL
 from pl_mc.input_errors import InputError
 from pl_mc.report.document import Chart, TableEntry
 from pl_mc.report.figures import method_label
@@ -22,27 +23,39 @@ _MANY_ROWS, _FEW_QUANTITIES = 1_000, 4
 # Points that most curves have at the least; fewer are better read in the table.
 _FEWEST_POINTS = 3
 
+# What menus are called whose column has a name that a chart needs for itself.
+_MENUS = {"axis": "limits that decide"}
+
 
 def charts_of(
-    entries: Iterable[TableEntry], tables: Mapping[str, pd.DataFrame], *, val_m: float
+    entries: Iterable[TableEntry],
+    tables: Mapping[str, pd.DataFrame],
+    *,
+    val_m: float | None = None,
+    hal_m: float | None = None,
 ) -> list[dict[str, Any]]:
     """The charts of a run, ready for JSON; see ``html/chart.js`` for what it does with them.
 
     Args:
         entries: tables and what of them is drawn.
         tables: the tables by name.
-        val_m: vertical alert limit, drawn where a quantity is a level [m].
+        val_m, hal_m: alert limits, drawn where a quantity is a level of their axis [m].
 
     Raises:
         InputError: a table without a column that its chart names, or with words in one of numbers.
     """
     drawn = ((entry.name, entry.chart) for entry in entries if entry.name in tables)
-    made = (chart_data(name, chart, tables[name], val_m=val_m) for name, chart in drawn if chart is not None)
+    limits = {"vpl": ("VAL", val_m), "hpl": ("HAL", hal_m)}
+    made = (chart_data(name, chart, tables[name], limits) for name, chart in drawn if chart is not None)
     return [chart for chart in made if chart is not None]
 
 
-def chart_data(name: str, chart: Chart, table: pd.DataFrame, *, val_m: float) -> dict[str, Any] | None:
+def chart_data(
+    name: str, chart: Chart, table: pd.DataFrame, limits: Mapping[str, tuple[str, float | None]]
+) -> dict[str, Any] | None:
     """The data of one chart; None where no curves can be drawn.
+
+    ``limits`` are a name and a length [m] by the word with which columns of a level begin.
 
     That is where the table has too many rows, most curves too few points, or nothing tells some of the rows apart.
     """
@@ -67,7 +80,10 @@ def chart_data(name: str, chart: Chart, table: pd.DataFrame, *, val_m: float) ->
     quantities = [quantity for quantity in chart.quantities if table[quantity.value].notna().any()]
     if len(table) > _MANY_ROWS:
         quantities = quantities[:_FEW_QUANTITIES]
-    curves = table[list(chart.curves)].astype(str).agg(", ".join, axis=1).map(method_label)
+    # Curves that are of both levels are called by neither.
+    both = any(quantity.value.startswith("hpl") for quantity in quantities) or "axis" in menus
+    axis = EITHER if both else str(table["axis"].iloc[0]) if "axis" in table else VERTICAL
+    curves = table[list(chart.curves)].astype(str).agg(", ".join, axis=1).map(lambda name: method_label(name, axis))
     names = list(dict.fromkeys(curves))
     choices = [list(dict.fromkeys(table[menu].dropna().astype(str))) for menu in menus]
     fullest = table.groupby(menus, sort=False)[chart.x].nunique().idxmax() if menus else ()
@@ -88,14 +104,25 @@ def chart_data(name: str, chart: Chart, table: pd.DataFrame, *, val_m: float) ->
         "x": chart.x_label,
         "curves": names,
         "menus": [
-            {"label": menu.replace("_", " "), "values": values, "begin": max(0, _place(first, values))}
+            {
+                "label": _MENUS.get(menu, menu.replace("_", " ")),
+                "values": values,
+                "begin": max(0, _place(first, values)),
+            }
             for menu, values, first in zip(menus, choices, begin, strict=True)
         ],
-        "quantities": [{"label": quantity.label, "rate": quantity.is_rate} for quantity in quantities],
-        "limit": val_m,
+        "quantities": [
+            {"label": quantity.label, "rate": quantity.is_rate, "limit": _limit(quantity.value, limits)}
+            for quantity in quantities
+        ],
         "log": chart.logarithmic,
         "rows": [list(row) for row in zip(*cells, strict=True)],
     }
+
+
+def _limit(column: str, limits: Mapping[str, tuple[str, float | None]]) -> dict[str, Any] | None:
+    name, limit_m = limits.get(column.partition("_")[0], ("", None))
+    return None if limit_m is None else {"name": name, "m": limit_m}
 
 
 def _place(value: Any, values: Sequence[str]) -> int:

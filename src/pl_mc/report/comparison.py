@@ -31,7 +31,7 @@ FEWEST_EPOCHS = 30
 PAIRED, NEWCOMBE = "paired by epoch", "two proportions"
 
 _KEYS = (
-    "method", "test", "reading", "level", "noise", "variant", "geometry", "fault_class", "event", "region",
+    "method", "axis", "test", "reading", "level", "noise", "variant", "geometry", "fault_class", "event", "region",
     "satellite", "fault", "epoch", "bias_m",
 )  # fmt: skip
 _COUNTS = {event.count: event.name for event in EVENTS} | {"detections": "detection", "count": ""}

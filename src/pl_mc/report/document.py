@@ -151,7 +151,7 @@ class Document:
         question: what was asked, in a sentence.
         answer: the answer in sentences with numbers.
         notes: sentences about what was left out or chosen.
-        val_m: vertical alert limit, drawn where levels are [m].
+        val_m, hal_m: vertical and horizontal alert limit, drawn where levels are [m]; none where there is none.
         summary: its blocks.
         tables, figures: what lies beside the page.
     """
@@ -161,10 +161,11 @@ class Document:
     question: str
     answer: tuple[str, ...]
     notes: tuple[str, ...]
-    val_m: float
+    val_m: float | None
     summary: tuple[Block, ...]
     tables: tuple[TableEntry, ...]
     figures: tuple[FigureEntry, ...]
+    hal_m: float | None = None
 
 
 _NAME = re.compile(r"[A-Za-z0-9_][\w+-]{0,99}(?:\.[\w+-]+)*")

@@ -20,6 +20,8 @@ from matplotlib.ticker import LogFormatter, LogFormatterSciNotation
 from numpy.typing import ArrayLike, NDArray
 from PIL import Image
 
+from pl_mc.alert import EITHER, VERTICAL
+
 _LOOK: Any = {
     "svg.hashsalt": "pl_mc",
     "svg.fonttype": "none",
@@ -114,14 +116,15 @@ def series_style(index: int, further: Sequence[SeriesStyle] = ()) -> SeriesStyle
     return styles[index % len(styles)]
 
 
-def method_label(name: str) -> str:
-    """A method's name in a legend."""
-    return _LABELS.get(name, name)
+def method_label(name: str, axis: str = VERTICAL) -> str:
+    """A method's name in a legend, with that of its level on an axis; without it where both levels decide."""
+    label = _LABELS.get(name, name)
+    return label.split(" (")[0] if axis == EITHER else label if axis == VERTICAL else label.replace("(VPL", "(HPL")
 
 
 def short_label(name: str) -> str:
     """A method's name in a legend, without that of its level."""
-    return method_label(name).split(" (")[0]
+    return method_label(name, EITHER)
 
 
 def new_figure(

@@ -40,14 +40,22 @@ _MOST_WORDS = 40
 
 
 def write_findings(
-    findings: Findings, folder: Path, *, title: str, kind: str, question: str, answer: tuple[str, ...], val_m: float
+    findings: Findings,
+    folder: Path,
+    *,
+    title: str,
+    kind: str,
+    question: str,
+    answer: tuple[str, ...],
+    val_m: float | None,
+    hal_m: float | None = None,
 ) -> Document:
     """Write all files of a run but its manifest and page.
 
     Args:
         findings: what was found.
         folder: an empty folder.
-        title, kind, question, answer, val_m: see `Document`.
+        title, kind, question, answer, val_m, hal_m: see `Document`.
 
     Returns:
         The document, which is stored too.
@@ -70,7 +78,7 @@ def write_findings(
     for name, text in findings.texts.items():
         write_whole(folder / name, text)
     document = Document(
-        title=title, kind=kind, question=question, answer=answer, notes=notes, val_m=val_m,
+        title=title, kind=kind, question=question, answer=answer, notes=notes, val_m=val_m, hal_m=hal_m,
         summary=tuple(Paragraph(block) if isinstance(block, str) else block for block in findings.summary),
         tables=tuple(TableEntry(table.name, table.chart) for table in findings.tables if table.stored != "parquet"),
         figures=tuple(_entry(picture, title) for picture in pictures),

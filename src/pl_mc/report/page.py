@@ -117,7 +117,7 @@ def page_of_run(run: RunFolder, *, meanings: Mapping[str, str], shown_as: Path) 
     """The page as text."""
     document = run.document
     assert document is not None
-    charts = charts_within_limit(charts_of(document.tables, run.tables, val_m=document.val_m))
+    charts = charts_within_limit(charts_of(document.tables, run.tables, val_m=document.val_m, hal_m=document.hal_m))
     # What has been taken out of the folder is left out.
     shown = [entry.name for entry in document.tables if entry.name in run.tables]
     content: dict[str, Any] = {

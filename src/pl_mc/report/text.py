@@ -10,16 +10,12 @@ import numpy as np
 import pandas as pd
 from numpy.typing import ArrayLike
 
-from pl_mc.alert import AlertLimits
+from pl_mc.alert import VERTICAL, Judged
 from pl_mc.report.figures import method_label
 from pl_mc.statistics.intervals import clopper_pearson
 
-# How an answer begins its sentence about an event, to be formatted with the vertical alert limit as ``val``.
-EVENT_MEANS = {
-    "alarm": "Alarms",
-    "misleading": "Misleading information (vertical error beyond the protection level, no alarm)",
-    "missed": "Missed detections (vertical error beyond the alert limit of {val:g} m, no alarm)",
-}
+# The events of which an answer has a sentence each.
+ANSWERED = ("alarm", "misleading", "missed")
 
 Key = TypeVar("Key")
 Value = TypeVar("Value")
@@ -102,9 +98,10 @@ def markdown_table(header: Sequence[str], rows: Iterable[Sequence[object]]) -> s
     return "\n".join(lines)
 
 
-def method_key(names: Iterable[str]) -> str:
+def method_key(names: Iterable[str], axis: str = VERTICAL) -> str:
     """``ls: least squares (VPL); igg3: IGG-III (VPL_R).``, of the methods whose label says more than their name."""
-    return "; ".join(f"{name}: {method_label(name)}" for name in names if method_label(name) != name) + "."
+    labels = {name: method_label(name, axis) for name in names}
+    return "; ".join(f"{name}: {label}" for name, label in labels.items() if label != name) + "."
 
 
 def listed(words: Sequence[str]) -> str:
@@ -130,20 +127,20 @@ def span(low: int, high: int, between: str = "-") -> str:
     return f"{low}" if low == high else f"{low}{between}{high}"
 
 
-def event_sentences(table: pd.DataFrame, alert: AlertLimits) -> tuple[str, ...]:
-    """A sentence for each event of `EVENT_MEANS`: at which fault it is most frequent, method by method.
+def event_sentences(table: pd.DataFrame, judged: Judged) -> tuple[str, ...]:
+    """A sentence for each event of `ANSWERED`: at which fault it is most frequent, method by method.
 
     Args:
-        table: rates, one row per method and fault.
-        alert: alert limits.
+        table: rates of the axis, one row per method and fault.
+        judged: the axis with its limits.
     """
     sentences = []
-    for event, means in EVENT_MEANS.items():
+    for event in ANSWERED:
         # Methods of which the same is to be said share one clause.
         by_name = table.groupby("method", sort=False)
-        said = grouped((_most(group, event), method_label(str(name))) for name, group in by_name)
+        said = grouped((_most(group, event), method_label(str(name), judged.axis)) for name, group in by_name)
         clauses = "; ".join(f"{listed(names)} {what}" for what, names in said.items())
-        sentences.append(f"{means.format(val=alert.vertical_m)}: {clauses}.")
+        sentences.append(f"{judged.means(event)}: {clauses}.")
     return tuple(sentences)
 
 

@@ -16,6 +16,7 @@ from pl_mc.engine.compiling import compiler_options
 from pl_mc.engine.noise import LANES, epoch_key, unit_inputs
 from pl_mc.kernels import LeastSquaresSolution, LinearModel, linear_model
 from pl_mc.kernels.linear_model import product
+from pl_mc.kernels.parameters import Trees, as_trees, of_trees
 from pl_mc.methods import Method
 from pl_mc.methods.capabilities import declared, levels_from_geometry
 from pl_mc.noise_models import GAUSSIAN, NoiseModel
@@ -41,7 +42,7 @@ def levels_of_batch(
         with precision_scope(precision):
             design, sigma = jnp.asarray(batch.design, dtype), jnp.asarray(batch.sigma_m, dtype)
             arrays = (design, sigma, jnp.asarray(batch.in_view), jnp.asarray(numbers, np.uint32), np.uint32(seed))
-            levels = _compiled()(*arrays, noisy=noisy, quiet=quiet, draws=draws, noise=noise)
+            levels = _compiled()(*arrays, as_trees(noisy), as_trees(quiet), draws=draws, noise=noise)
             for method, pair in zip((*noisy, *quiet), levels, strict=True):
                 found[method.name] = np.asarray(pair[0], dtype=float), np.asarray(pair[1], dtype=float)
     for name, own in batched.items():
@@ -60,13 +61,13 @@ def _batched(method: Method, batch: Geometries) -> Callable[..., tuple[FloatArra
 
 @functools.cache
 def _compiled() -> Callable[..., list[tuple[Array, Array]]]:
-    static = ("noisy", "quiet", "draws", "noise")
+    static = ("draws", "noise")
     return jax.jit(_levels, static_argnames=static, compiler_options=compiler_options())
 
 
 def _levels(
-    design: Array, sigma_m: Array, in_view: Array, numbers: Array, seed: Array, *, noisy: tuple[Method, ...],
-    quiet: tuple[Method, ...], draws: int, noise: NoiseModel,
+    design: Array, sigma_m: Array, in_view: Array, numbers: Array, seed: Array, noisy: Trees,
+    quiet: Trees, *, draws: int, noise: NoiseModel,
 ) -> list[tuple[Array, Array]]:  # fmt: skip
     def one(geometry: tuple[Array, Array, Array, Array]) -> list[tuple[Array, Array]]:
         rows, sigma, seen, number = geometry
@@ -80,8 +81,8 @@ def _levels(
                 number, inputs = jnp.asarray(block, jnp.int32), noise.inputs_per_row
                 blocks.append(noise.shape(model, unit_inputs(key, number, inputs, rows.shape[0], rows.dtype)))
             errors = jnp.concatenate(blocks, axis=1)[:, :draws] * model.in_view[:, None]
-            pairs += _pairs(noisy, model, errors)
-        return pairs + (_pairs(quiet, model, jnp.zeros_like(sigma)[:, None]) if quiet else [])
+            pairs += _pairs(of_trees(noisy), model, errors)
+        return pairs + (_pairs(of_trees(quiet), model, jnp.zeros_like(sigma)[:, None]) if quiet else [])
 
     return jax.lax.map(one, (design, sigma_m, in_view, numbers))
 

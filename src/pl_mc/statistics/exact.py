@@ -126,17 +126,22 @@ def ls_rates(
 class LeastSquaresLaw:
     """The law of a method whose position is weighted least squares and which has no test but its level.
 
-    VPL = k_vertical sqrt(V'PV / (n - t)) VDOP, and there is an alarm where VPL > VAL or there is no solution (Zhao
-    et al. 2021, eqs 4, 12, 16).
+    VPL = k_vertical sqrt(V'PV / (n - t)) VDOP, HPL likewise, and there is an alarm where the level of the axis that
+    decides is beyond its limit or there is no solution (Zhao et al. 2021, eqs 4, 12, 14, 16).
 
     Attributes:
-        k_vertical: multiplier of the vertical level.
+        k_vertical, k_horizontal: multipliers of the levels.
     """
 
     k_vertical: float = K_VERTICAL
+    k_horizontal: float = K_HORIZONTAL
 
-    def rates(self, g: Geometry, faults: Faults, alert: AlertLimits) -> pd.DataFrame:
+    def rates(
+        self, g: Geometry, faults: Faults, alert: AlertLimits, axis: Literal["vertical", "horizontal"] = "vertical"
+    ) -> pd.DataFrame:
         """The exact rates under each fault, as of `ls_rates`."""
+        if axis == HORIZONTAL:
+            return ls_rates(g, faults, alert=alert, axis="horizontal", k_horizontal=self.k_horizontal)
         return ls_rates(g, faults, alert=alert, k_vertical=self.k_vertical)
 
 

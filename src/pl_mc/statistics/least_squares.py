@@ -14,6 +14,7 @@ from numpy.typing import NDArray
 from pl_mc.arrays import FloatArray, ordinary_arithmetic
 from pl_mc.faults import Faults, require_faults
 from pl_mc.geometry.record import EAST, NORTH, POSITION_UNKNOWNS, UP, Geometry, require_geometry
+from pl_mc.injection import row_biases
 from pl_mc.input_errors import InputError, shown
 
 # Pairs of epoch and fault whose biases are spread over rows at once.
@@ -129,7 +130,7 @@ def fault_effects(g: Geometry, faults: Faults, quantities: LsQuantities | None =
         InputError: faults made for another geometry, or quantities that are none.
     """
     require_geometry(g)
-    require_faults(faults)
+    require_faults(faults).require_sizes("an exact law")
     series = g.as_series()
     if quantities is None:
         quantities = ls_quantities(g)
@@ -146,7 +147,7 @@ def fault_effects(g: Geometry, faults: Faults, quantities: LsQuantities | None =
     for start in range(0, epoch_index.size, _BLOCK):
         block = slice(start, start + _BLOCK)
         at = epoch_index[block]
-        bias = faults.bias_m[fault_index[block, None], series.satellite[at]] * series.in_view[at]
+        bias, _ = row_biases(series, faults, at, fault_index[block])
         vertical[block] = (gain[at] * bias).sum(axis=-1)
         horizontal[block] = np.einsum("pcn,pn->pc", sideways[at], bias)
         scaled = bias / series.sigma_m[at]

@@ -45,8 +45,8 @@ class PlannedSweep:
         """The table, see `pl_mc.sweep`; parts are stored in a folder of the sweep's own."""
         return run_sweep(
             self.g, self.faults, draws=self.draws, seed=experiment.seed, methods=self.methods_of(experiment),
-            alert=experiment.alert_limits(), precision=experiment.precision, noise=self.noise,
-            execution=execution.inside(self.name),
+            alert=experiment.alert_limits(), axes=experiment.asked_axes(), precision=experiment.precision,
+            noise=self.noise, execution=execution.inside(self.name),
         )  # fmt: skip
 
     def stored(self, execution: Execution) -> Path:

@@ -3,9 +3,10 @@
 from __future__ import annotations
 
 import importlib
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator, Mapping, Sequence
 from typing import Any
 
+from pl_mc.input_errors import InputError
 from pl_mc.studies.spec import Experiment, kind_of
 from pl_mc.studies.study import Study
 
@@ -27,6 +28,9 @@ _FOLDERS = {
 
 # What experiments of kinds that have become an option of another one say today.
 FORMER = {"map": {"kind": "sweep", "view": "map"}, "satellite-ramps": {"kind": "sweep", "view": "satellites"}}
+
+# What a title says of faults in place of the file's, and how many it names.
+_INSTEAD, _MOST_IN_TITLE = "; faults instead: ", 3
 
 
 class Registry(Mapping[str, Study]):
@@ -64,6 +68,26 @@ def in_todays_words(content: Mapping[str, Any]) -> dict[str, Any]:
     """
     former = {} if "view" in content else FORMER.get(str(content.get("kind")), {})
     return dict(content) | former
+
+
+def with_faults(content: Mapping[str, Any], texts: Sequence[str]) -> dict[str, Any]:
+    """The fields of an experiment with faults as texts in place of its own.
+
+    Raises:
+        InputError: a kind that injects none, or those of a form of its own alone.
+    """
+    content = in_todays_words(content)
+    kind = content.get("kind")
+    if not isinstance(kind, str) or kind not in KINDS:
+        # Which the check of its fields tells.
+        return content
+    change = KINDS[kind].with_faults
+    if change is None:
+        able = ", ".join(name for name in KINDS if KINDS[name].with_faults is not None)
+        raise InputError(f"--fault: an experiment of the kind {kind} takes none from outside (kinds that do: {able}).")
+    told = "; ".join(texts) if len(texts) <= _MOST_IN_TITLE else f"{len(texts)} others"
+    title = f"{str(content.get('title')).partition(_INSTEAD)[0]}{_INSTEAD}{told}"
+    return content | {"title": title} | dict(change(content, tuple(texts)))
 
 
 def study_of(experiment: Experiment) -> Study:

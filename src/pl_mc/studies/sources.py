@@ -152,6 +152,7 @@ class ReceiverSource(ReceiverFiles):
             [path for field, path in files.items() if field.startswith("navigation")],
             read_truth(str(files["truth"]) if self.has_track() else self.truth),
             systems=self.systems,
+            signals=self.signals,
             mask_deg=self.mask_deg,
             error_model=self.model(),
             ionosphere=self.ionosphere,

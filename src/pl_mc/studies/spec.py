@@ -7,9 +7,9 @@ import datetime
 import math
 import re
 import typing
-from collections.abc import Mapping
+from collections.abc import Collection, Mapping
 from pathlib import Path
-from typing import Annotated, Any, Literal
+from typing import Annotated, Any, ClassVar, Literal
 
 import numpy as np
 from numpy.typing import NDArray
@@ -27,10 +27,10 @@ from pydantic import (
 )
 from pydantic_core import PydanticCustomError
 
-from pl_mc.alert import AlertLimits, as_alert
+from pl_mc.alert import AXES, OPERATIONS, VERTICAL, AlertLimits, Judged, as_alert, as_axes, as_limits
 from pl_mc.engine.checks import LARGEST_DRAWS, LARGEST_SEED
 from pl_mc.error_models import ErrorModel, error_model
-from pl_mc.faults import Faults, biases, no_fault, ramps
+from pl_mc.faults import Faults, biases, no_fault, ramps, require_text
 from pl_mc.geometry import Geometry, redundancy_numbers, simulate
 from pl_mc.geometry.record import MOST_SATELLITES, SYSTEM_NAMES
 from pl_mc.input_errors import InputError, nearest, shown
@@ -114,14 +114,16 @@ class ReceiverFiles(Strict):
     """A receiver's RINEX files and where it truly was; fields of `pl_mc.receiver.read_receiver_series`.
 
     ``navigation`` is one file or several; ``truth`` is ``X,Y,Z`` Earth-fixed [m] or the name of a track; ``systems``
-    are those that the files have unless given.
+    are those of GPS, BeiDou and Galileo that the files have unless given; ``signals`` are names such as ``L5``, or with
+    the ionosphere ``dual`` pairs such as ``E1+E5b``.
     """
 
     observations: Path
     navigation: Path | tuple[Path, ...]
     truth: str
     systems: tuple[str, ...] | None = None
-    ionosphere: Literal["broadcast", "none"] = "broadcast"
+    signals: tuple[str, ...] | None = None
+    ionosphere: Literal["broadcast", "none", "dual"] = "broadcast"
     mask_deg: float = Field(default=10.0, ge=0, lt=90)
     error_model: str = "residual"
     error_options: dict[str, Any] = Field(default_factory=dict)
@@ -227,6 +229,18 @@ class Experiment(Strict):
         """The alert limits, of which the vertical one decides; an `InputError` where there is none."""
         return as_alert(self.given_limits())
 
+    def judged_axes(self) -> tuple[str, ...]:
+        """The axes by whose limits the experiment judges; none for kinds that judge by no limit."""
+        return (VERTICAL,)
+
+    def asked_axes(self) -> tuple[str, ...] | None:
+        """The axes that the file names, unless it names none."""
+        return None
+
+    def judged(self) -> tuple[Judged, ...]:
+        """The axes with their limits."""
+        return tuple(Judged(self.alert_limits(), axis) for axis in self.judged_axes())
+
     def given_limits(self) -> str | AlertLimits:
         """The limits as they are written, by name or as a record."""
         return self.alert if isinstance(self.alert, str) else self.alert.build()
@@ -234,6 +248,45 @@ class Experiment(Strict):
     def input_files(self) -> Mapping[str, Path]:
         """Files that the experiment reads, by field; their hashes go into the manifest."""
         return satellite_files(getattr(self, "geometry", None), "geometry")
+
+
+class ByAxes(Experiment):
+    """What a file says of a kind that judges by any axis.
+
+    Attributes:
+        axes: which of the limits decide: vertical, horizontal or either of them, one or several of these; the vertical
+            one unless given, the horizontal one where there is no other.
+    """
+
+    most_axes: ClassVar[int] = len(AXES)
+
+    axes: tuple[str, ...] | None = None
+
+    @field_validator("axes", mode="before")
+    @classmethod
+    def _of_the_limits(cls, given: Any, info: ValidationInfo) -> Any:
+        named, alert = (given,) if isinstance(given, str) else given, info.data.get("alert")
+        # Limits that are wrong themselves say so.
+        if named is not None and (isinstance(alert, GivenLimits) or alert in OPERATIONS):
+            try:
+                axes = as_axes(named, as_limits(alert if isinstance(alert, str) else alert.build()))
+            except InputError as error:
+                raise PydanticCustomError("axes", "{rule}", {"rule": str(error).removeprefix("axes: ")}) from None
+            if len(axes) > cls.most_axes:
+                raise PydanticCustomError("axes", "this kind of experiment judges by one axis at a time")
+        return named
+
+    def alert_limits(self) -> AlertLimits:
+        """The alert limits; one of the two is enough."""
+        return as_limits(self.given_limits())
+
+    def judged_axes(self) -> tuple[str, ...]:
+        """The axes asked for, else the vertical one where it has a limit."""
+        return as_axes(self.axes, self.alert_limits())
+
+    def asked_axes(self) -> tuple[str, ...] | None:
+        """The field."""
+        return self.axes
 
 
 def kind_of(experiment: Experiment) -> str:
@@ -296,6 +349,16 @@ class RampFaults(Strict):
         )
 
 
+def _read_fault(text: Any) -> Any:
+    """Text as it is, if it is a fault; what only a geometry can tell is left."""
+    if not isinstance(text, str):
+        raise PydanticCustomError("fault", "text such as G02:+30m is needed")
+    try:
+        return require_text(text)
+    except InputError as error:
+        raise PydanticCustomError("fault", "{why}", {"why": str(error).removeprefix("biases: ").rstrip(".")}) from None
+
+
 def _one_fault(given: Any) -> Any:
     table = isinstance(given, Mapping) and all(
         isinstance(value, int | float) and not isinstance(value, bool) for value in given.values()
@@ -304,7 +367,12 @@ def _one_fault(given: Any) -> Any:
         raise PydanticCustomError(
             "fault", "a table of biases in metres by satellite, or text such as G02:+30m, is needed"
         )
-    return given
+    return _read_fault(given) if isinstance(given, str) else given
+
+
+# A fault as text; and as a table of biases by satellite too.
+FaultText = Annotated[str, BeforeValidator(_read_fault)]
+OneFault = Annotated[dict[str, float] | str, BeforeValidator(_one_fault)]
 
 
 class ListedFaults(Strict):
@@ -313,7 +381,7 @@ class ListedFaults(Strict):
     An empty table and ``none`` are the fault-free case.
     """
 
-    biases: Annotated[tuple[Annotated[dict[str, float] | str, BeforeValidator(_one_fault)], ...], Field(min_length=1)]
+    biases: Annotated[tuple[OneFault, ...], Field(min_length=1)]
 
     def build(self, g: Geometry) -> tuple[Faults, tuple[str, ...]]:
         """The faults, in order."""
@@ -321,13 +389,14 @@ class ListedFaults(Strict):
         return sum(made[1:], made[0]), ()
 
 
-def _form_of_faults(given: Any) -> str:
-    listed = "biases" in given if isinstance(given, dict) else isinstance(given, ListedFaults)
-    return "Listed" if listed else "Ramp"
+def fields_of(given: Any) -> Collection[str]:
+    """The fields of a part of an experiment, as it is written or as a record."""
+    return given if isinstance(given, Mapping) else getattr(type(given), "model_fields", ())
 
 
 AnyFaults = Annotated[
-    Annotated[RampFaults, Tag("Ramp")] | Annotated[ListedFaults, Tag("Listed")], Discriminator(_form_of_faults)
+    Annotated[RampFaults, Tag("Ramp")] | Annotated[ListedFaults, Tag("Listed")],
+    Discriminator(lambda given: "Listed" if "biases" in fields_of(given) else "Ramp"),
 ]
 
 

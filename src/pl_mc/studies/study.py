@@ -8,7 +8,7 @@ from typing import Any, Protocol
 
 import pandas as pd
 
-from pl_mc.alert import VERTICAL, unjudged_note
+from pl_mc.alert import unjudged_note
 from pl_mc.engine import Execution
 from pl_mc.geometry import Geometry
 from pl_mc.input_errors import InputError
@@ -69,7 +69,8 @@ class Study:
         beside: ``beside(experiment)``, what a run costs beside its sweeps.
         checks: what the kind asks for besides what its record and a geometry can tell; ``checks(record, g)`` with
             no geometry where there is none or an unsound one.
-        judged: by which alert limits it judges, none of which may be; a note tells of one that decides nothing.
+        with_faults: ``with_faults(content, texts)``, what fields of a file become where faults as texts take the place
+            of its own; None for a kind that injects none, or a sort of its own.
         outline: fields of a file to begin with, for a kind of which no experiment comes with the package.
     """
 
@@ -81,7 +82,7 @@ class Study:
     work: Callable[[Any], Work] | None = None
     beside: Callable[[Any], Work] | None = None
     checks: Checks = no_checks
-    judged: tuple[str, ...] = (VERTICAL,)
+    with_faults: Callable[[Mapping[str, Any], tuple[str, ...]], Mapping[str, Any]] | None = None
     outline: Mapping[str, Any] = field(default_factory=dict)
 
     def __post_init__(self) -> None:
@@ -91,7 +92,7 @@ class Study:
     def found(self, experiment: Any, execution: Execution) -> Findings:
         """What a run finds, with what it does not judge among its notes."""
         findings = self.run(experiment, execution)
-        further = tuple(filter(None, [unjudged_note(experiment.alert_limits(), self.judged)]))
+        further = tuple(filter(None, [unjudged_note(experiment.alert_limits(), experiment.judged_axes())]))
         return replace(findings, notes=(*findings.notes, *further))
 
     def asks(self, experiment: Experiment) -> str:

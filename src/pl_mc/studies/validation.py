@@ -71,11 +71,15 @@ def _problem(model: type[BaseModel], error: Mapping[str, Any]) -> FieldProblem:
         names.append(last)
     field = ".".join(name if len(name) <= 60 else f"{name[:60]}..." for name in names)
     if error["type"] == "extra_forbidden":
+        if field == "axes":
+            # A field of other kinds, and no slip.
+            judged = "by the vertical limit, or by limits that it names itself; leave the field out"
+            return FieldProblem(field, f"an experiment of this kind judges {judged}.")
         owners = _models_at(model, names[:-1])
         valid = [name for owner in owners for name in owner.model_fields]
         return FieldProblem(field, f"there is no such field ({nearest(str(error['loc'][-1]), valid)}).")
     message = error["msg"].removeprefix("Value error, ").rstrip(".")
-    given = "" if error["type"] == "missing" else f", not {shown(error['input'])}"
+    given = "" if error["type"] in ("missing", "axes") else f", not {shown(error['input'])}"
     return FieldProblem(field, f"{message[:1].lower()}{message[1:]}{given}.")
 
 

@@ -24,6 +24,7 @@ from jax import Array
 from pl_mc.engine.core import EpochBatch, each_fault, prepare_epoch
 from pl_mc.kernels import LeastSquaresSolution, LinearModel
 from pl_mc.kernels.linear_model import product
+from pl_mc.kernels.parameters import Trees, as_trees, of_trees
 from pl_mc.methods import Method
 from pl_mc.methods.capabilities import levels_from_geometry, scales_with_k, statistic
 from pl_mc.noise_models.gauss_markov import step
@@ -108,7 +109,7 @@ def pass_plan(
         one_clock_per_row=bool(((rows.design[..., 3:] != 0).sum(axis=-1) <= 1).all()),
         satellite=None if rows.codes is None else jnp.broadcast_to(rows.codes, rows.sigma_m.shape),
     )
-    models, prepared = _prepare_all(batch, methods=methods)
+    models, prepared = _prepare_all(batch, as_trees(methods))
     return PassPlan(
         models=models,
         prepared=prepared,
@@ -150,9 +151,10 @@ def snapshot_methods(tests: tuple[Test, ...]) -> tuple[Method, ...]:
     return tuple(test for test in tests if not isinstance(test, SequentialTest))
 
 
-@functools.partial(jax.jit, static_argnames=("methods",))
-def _prepare_all(batch: EpochBatch, *, methods: tuple[Method, ...]) -> tuple[LinearModel, list]:
-    return jax.lax.map(lambda one: prepare_epoch(one, methods), batch)
+@jax.jit
+def _prepare_all(batch: EpochBatch, methods: Trees) -> tuple[LinearModel, list]:
+    chosen = of_trees(methods)
+    return jax.lax.map(lambda one: prepare_epoch(one, chosen), batch)
 
 
 def fault_free_signals(plan: PassPlan, key: Array) -> Signals:
@@ -181,16 +183,18 @@ def fault_free_signals(plan: PassPlan, key: Array) -> Signals:
     return jax.lax.scan(at_epoch, (jnp.zeros((rows, LANES)), start), xs)[1]
 
 
-@functools.partial(jax.jit, static_argnames=("tests", "onset"))
+@functools.partial(jax.jit, static_argnames=("onset",))
 def watch_block(
-    plan: PassPlan, seed: Array, purpose: Array, block: Array, rates: Array, thresholds: Array, *,
-    tests: tuple[Test, ...], onset: int,
+    plan: PassPlan, seed: Array, purpose: Array, block: Array, rates: Array, thresholds: Array,
+    trees: Trees, *, onset: int,
 ) -> Watched:  # fmt: skip
     """One block of passes with ramps that begin at the sample ``onset``.
 
-    ``plan`` is that of the same ``tests`` and ``onset``; ``seed``, ``purpose`` and ``block`` choose the errors;
+    ``trees`` are the tests of `as_trees`, and ``plan`` is theirs and that of ``onset``; ``seed``, ``purpose`` and
+    ``block`` choose the errors;
     ``rates``: (f,) [m/s]; ``thresholds``: (methods,), of the ratios.
     """
+    tests: tuple[Test, ...] = of_trees(trees)
     signals = fault_free_signals(plan, pass_key(seed, purpose, block))
     methods = snapshot_methods(tests)
     epochs = plan.sigma_m.shape[0]

@@ -19,6 +19,7 @@ from pl_mc.engine.calls import Chunk, Cut, run_calls
 from pl_mc.engine.checks import LARGEST_SEED, require_geometry_and_alert
 from pl_mc.geometry.record import Geometry
 from pl_mc.input_errors import InputError, require_fraction, require_numbers, require_whole, require_within
+from pl_mc.kernels.parameters import as_trees
 from pl_mc.methods import METHODS, Method
 from pl_mc.methods.capabilities import refusal
 from pl_mc.methods.registry import fit_for
@@ -141,7 +142,7 @@ def time_to_alert(
             def of_block(_: Chunk, block: np.int32, *others: np.int32) -> Watched:
                 return watch_block(
                     plan, np.uint32(seed), np.uint32(purpose), np.uint32(block), jnp.asarray(sizes),
-                    jnp.asarray(thresholds), tests=tests, onset=onset,
+                    jnp.asarray(thresholds), as_trees(tests), onset=onset,
                 )  # fmt: skip
 
             parts = []

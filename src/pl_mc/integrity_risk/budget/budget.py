@@ -22,7 +22,7 @@ import pandas as pd
 from numpy.typing import ArrayLike
 from scipy import special
 
-from pl_mc.alert import LPV_200, AlertLimits
+from pl_mc.alert import LPV_200, AlertLimits, as_axis
 from pl_mc.arrays import FloatArray, ordinary_arithmetic
 from pl_mc.engine.checks import LARGEST_SEED, require_bounded, require_geometry_and_alert, require_single
 from pl_mc.faults import Faults, fault_label
@@ -45,7 +45,7 @@ from pl_mc.integrity_risk.worst.ls_exact import (
     LsEpoch,
     event_probability,
     law_with,
-    ls_epoch,
+    ls_epochs,
     require_event,
     upper_bound,
     worst_direction,
@@ -60,7 +60,7 @@ NOT_MONITORED, TOTAL = "not_monitored", "total"
 EXACT, ESTIMATED, BOUNDED = "exact", "estimated", "bounded by the prior"
 
 _NEGLIGIBLE = 1e-60
-# Whitened biases that move neither the height nor a residual by more than this share of them are clock errors.
+# Whitened biases that move neither the position nor a residual by more than this share of them are clock errors.
 _CLOCK_ERROR = 1e-9
 # Pairs that are searched by estimates unless somebody asks for more.
 _FEW_PAIRS = 3
@@ -98,6 +98,7 @@ def risk_budget(
     alarm: Literal["pl", "chi2"] = "pl",
     p_fa: float = 1e-3,
     alert: str | AlertLimits = LPV_200,
+    axis: str | None = None,
     p_sat: float | Mapping[str, float] = P_SAT,
     p_const: float | Mapping[str, float] = P_CONST,
     ism: Any = None,
@@ -116,15 +117,16 @@ def risk_budget(
 ) -> pd.DataFrame:
     """Contributions of all fault modes to the integrity risk of an approach.
 
-    For a method with an exact law, such as least squares, every conditional probability is exact, but for biases
-    from a distribution on several satellites, whose exact probabilities are averaged over drawn sizes. For other
-    methods they are estimates of the rare-event estimator; the worst faults of more than two satellites at a time,
-    as of a constellation with independent biases, are then beyond the search and bounded by their priors.
+    For a method with an exact law, such as least squares, every vertical conditional probability is exact, but for
+    biases from a distribution on several satellites, whose exact probabilities are averaged over drawn sizes. For other
+    methods, and for all of them on another axis, they are estimates of the rare-event estimator; the worst faults of
+    more than two satellites at a time, as of a constellation with independent biases, are then beyond the search and
+    bounded by their priors.
 
     Args:
         g: one epoch.
         method: name or record of a method.
-        event, alarm, p_fa, alert: as for `pl_mc.worst_case`.
+        event, alarm, p_fa, alert, axis: as for `pl_mc.worst_case`.
         p_sat: prior probability that a satellite is faulted at a sample, one for all, or by name (or by system
             letter, for what is not named).
         p_const: prior probability that a constellation is faulted, one for all, or by system letter; 0 for none.
@@ -151,18 +153,19 @@ def risk_budget(
     Returns:
         One row per mode, those that were analysed by kind, then ``not_monitored`` (all modes that were not, their
         probability 1) and ``total``: ``mode`` (its kind), ``failed`` (names), ``fault`` (the worst one, where asked
-        for), ``prior``, ``probability`` given the mode, ``standard_error, low, high`` of it (95 %; equal where
-        exact), ``found`` (``exact``, ``estimated`` or ``bounded by the prior``), ``risk_per_sample`` (prior times
-        probability), ``risk_per_approach`` (times the number of samples: by the union bound at most so much),
-        ``risk_low, risk_high`` of the approach, ``of_target`` (over ``target``) and ``warning``. ``attrs`` holds
-        ``verdict``: ``met``, ``not met``, or ``not shown`` where the target lies between the bounds of the total,
-        with ``target`` and ``total``. The total's bounds are sums of the rows' bounds: the standard error of a sum
-        is at most the sum of standard errors, whatever the estimates have in common.
+        for), ``prior``, ``probability`` given the mode, ``standard_error, low, high`` of it (95 %; equal where exact),
+        ``found`` (``exact``, ``estimated`` or ``bounded by the prior``), ``risk_per_sample`` (prior times probability),
+        ``risk_per_approach`` (times the number of samples: by the union bound at most so much), ``risk_low, risk_high``
+        of the approach, ``of_target`` (over ``target``) and ``warning``. ``attrs`` holds ``verdict``: ``met``, ``not
+        met``, or ``not shown`` where the target lies between the bounds of the total, with ``target``, ``total`` and
+        ``axis``. The total's bounds are sums of the rows' bounds: the standard error of a sum is at most the sum of
+        standard errors, whatever the estimates have in common.
 
     Raises:
         InputError: a series, unknown names or options, probabilities outside their range.
     """
-    alert = require_geometry_and_alert(g, alert)
+    alert = require_geometry_and_alert(g, alert, any_axis=True)
+    judged = as_axis(axis, alert)
     require_single(g, "a risk budget")
     require_event(event)
     require_choice(constellation, (INDEPENDENT, COMMON), field="constellation")
@@ -176,33 +179,42 @@ def risk_budget(
     (chosen,) = as_methods([method], g)
     if sizes is None and estimator is None:
         require_bounded(g, chosen)
-    law = law_with(alarm, chosen, estimated=estimator is not None)
+    law = law_with(alarm, chosen, estimated=estimator is not None, axis=judged)
     # Least squares ranks the pairs for every method.
-    epoch = ls_epoch(g, law or LeastSquaresLaw(), alarm=alarm, p_fa=p_fa, alert=alert)
+    epochs = ls_epochs(g, law or LeastSquaresLaw(), judged, alarm=alarm, p_fa=p_fa, alert=alert)
     satellite_priors, constellation_priors = source_priors(g, p_sat, p_const, None if ism is None else as_ism(ism))
     modes = fault_modes(g, satellite_priors, constellation_priors, constellation=constellation)
-    modes = _choose_pairs(modes, epoch, ("all" if law else _FEW_PAIRS) if pairs is None else pairs)
+    modes = _choose_pairs(modes, epochs, ("all" if law else _FEW_PAIRS) if pairs is None else pairs)
     if law:
-        found = _exact_conditionals(g, epoch, event, modes, sizes, draws=draws, seed=seed)
+        found = _exact_conditionals(g, epochs[0], event, modes, sizes, draws=draws, seed=seed)
     else:
         estimate = estimator or rare_event_estimator(
-            g, chosen, event, alert, target_cov=target_cov, max_evaluations=max_evaluations
+            g, chosen, event, alert, judged, target_cov=target_cov, max_evaluations=max_evaluations
         )
-        options = {"method": chosen, "event": event, "alert": alert, "target_cov": target_cov}
-        found = _estimated_conditionals(g, epoch, modes, sizes, estimate, options, draws=min(draws, 64), seed=seed)
+        options = {"method": chosen, "event": event, "alert": alert, "axis": judged, "target_cov": target_cov}
+        found = _estimated_conditionals(g, epochs, modes, sizes, estimate, options, draws=min(draws, 64), seed=seed)
     rest = not_monitored(modes, [*satellite_priors, *constellation_priors.values()])
-    return _table(modes, found, rest, samples, target)
+    table = _table(modes, found, rest, samples, target)
+    table.attrs["axis"] = judged
+    return table
 
 
-def _choose_pairs(modes: Sequence[Mode], epoch: LsEpoch, pairs: str | int) -> list[Mode]:
+def _choose_pairs(modes: Sequence[Mode], epochs: Sequence[LsEpoch], pairs: str | int) -> list[Mode]:
     """The modes, with those pairs of satellites set aside that are not to be analysed."""
     if isinstance(pairs, str):
         require_choice(pairs, ("all",), field="pairs")
         return list(modes)
     number = require_whole(pairs, field="pairs", low=0)
     at = [k for k, mode in enumerate(modes) if mode.kind == PAIR]
-    if epoch.available:
-        at.sort(key=lambda k: -modes[k].prior * worst_direction(epoch, modes[k].directions).slope)
+    if epochs[0].available:
+
+        def weight(mode: Mode) -> float:
+            # In metres where several components of the error are compared.
+            scales = [1.0] if len(epochs) == 1 else [epoch.vdop_m for epoch in epochs]
+            slopes = [worst_direction(epoch, mode.directions).slope for epoch in epochs]
+            return mode.prior * max(scale * slope for scale, slope in zip(scales, slopes, strict=True))
+
+        at.sort(key=lambda k: -weight(modes[k]))
     aside = set(at[number:])
     return [replace(mode, analysed=k not in aside) for k, mode in enumerate(modes)]
 
@@ -245,7 +257,7 @@ def _mean_parts(epoch: LsEpoch, event: str, shift: FloatArray, root: FloatArray)
 
 
 def _estimated_conditionals(
-    g: Geometry, epoch: LsEpoch, modes: Sequence[Mode], sizes: Sizes | None, estimate: Estimator,
+    g: Geometry, epochs: Sequence[LsEpoch], modes: Sequence[Mode], sizes: Sizes | None, estimate: Estimator,
     options: dict[str, Any], *, draws: int, seed: int,
 ) -> dict[int, Conditional]:  # fmt: skip
     """P(event | mode) of every mode that is analysed, from an estimator."""
@@ -271,7 +283,7 @@ def _estimated_conditionals(
     for k, mode in enumerate(modes):
         if not mode.analysed:
             continue
-        columns = _moving(epoch, mode.directions)
+        columns = _moving(epochs, mode.directions)
         faulted = columns.any(axis=1)
         if not faulted.any():
             found[k] = fault_free
@@ -303,13 +315,16 @@ def _estimated_conditionals(
     return found
 
 
-def _moving(epoch: LsEpoch, columns: FloatArray) -> FloatArray:
+def _moving(epochs: Sequence[LsEpoch], columns: FloatArray) -> FloatArray:
     """The columns without clock errors, which an estimate that starts from least-squares residuals never sees."""
-    if not epoch.available:
+    if not epochs[0].available:
         return columns
-    shift, root = epoch.effects(columns.T)
-    scale = np.sqrt(((columns.T / epoch.sigma_m) ** 2).sum(axis=1))
-    return columns[:, (np.abs(shift) > _CLOCK_ERROR * scale) | (root > _CLOCK_ERROR * scale)]
+    scale = _CLOCK_ERROR * np.sqrt(((columns.T / epochs[0].sigma_m) ** 2).sum(axis=1))
+    moves = np.zeros(columns.shape[1], dtype=bool)
+    for epoch in epochs:
+        shift, root = epoch.effects(columns.T)
+        moves |= (np.abs(shift) > scale) | (root > scale)
+    return columns[:, moves]
 
 
 def _estimate_of(row: pd.Series) -> Conditional:

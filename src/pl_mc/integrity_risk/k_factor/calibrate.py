@@ -16,11 +16,12 @@ from typing import Any, Literal
 import numpy as np
 import pandas as pd
 
-from pl_mc.alert import LPV_200, AlertLimits
+from pl_mc.alert import EITHER, HORIZONTAL, LPV_200, VERTICAL, AlertLimits, as_axis
 from pl_mc.arrays import ordinary_arithmetic
 from pl_mc.engine.checks import LARGEST_DRAWS, LARGEST_SEED, require_geometry_and_alert, require_inputs, solved_epochs
 from pl_mc.faults import Faults, no_fault
 from pl_mc.geometry.record import Geometry
+from pl_mc.injection import at_epoch
 from pl_mc.input_errors import (
     InputError,
     require_choice,
@@ -32,6 +33,7 @@ from pl_mc.input_errors import (
 from pl_mc.integrity_risk.k_factor.calibrated import (
     ALWAYS_ALARMS,
     KFactor,
+    LevelAxis,
     alarm_columns,
     alarm_rate,
     bounds_of,
@@ -59,6 +61,7 @@ def calibrate(
     faults: Faults | None = None,
     event: Literal["exceeded", "misleading"] = "exceeded",
     alert: str | AlertLimits = LPV_200,
+    axis: Literal["vertical", "horizontal"] | None = None,
     confidence: float = 0.95,
     pooled: bool = False,
     draws: int = 200_000,
@@ -67,7 +70,7 @@ def calibrate(
     max_evaluations: int = 10_000_000,
     estimator: Callable[[Method], Estimator] | None = None,
 ) -> pd.DataFrame:
-    """The multiplier of the vertical protection level with which P(event) is ``target``, and its cost in alarms.
+    """The multiplier of a protection level with which P(event) is ``target``, and its cost in alarms.
 
     A method with an exact law, such as least squares, gets an exact multiplier: fault-free, ``exceeded`` needs
     Student's quantile for n - t degrees of freedom, both signs together, and everything else the root of an exact
@@ -84,7 +87,9 @@ def calibrate(
         target: probability of the event per sample.
         faults: the faults under which the target shall hold, each for itself; the fault-free case unless given.
         event: ``exceeded``, |vertical error| > VPL, alarm or not; ``misleading``, the same and no alarm.
-        alert: alert limits; the vertical one, VAL, decides on alarms.
+        alert: alert limits; that of the axis decides on alarms.
+        axis: whose level it is, ``vertical``, or ``horizontal`` for HPL, HAL and the length of the horizontal error;
+            the vertical one unless given, the horizontal one where the alert has no other limit.
         confidence: with which ``k_high`` keeps the target, and ``k_low`` does not: each for itself.
         pooled: for a series: one multiplier for all epochs, with which the mean risk over them is the target,
             instead of one for each.
@@ -98,7 +103,7 @@ def calibrate(
     Returns:
         One row per epoch (or one for all where ``pooled``) and fault: ``epoch`` (missing where pooled), ``method,
         fault, bias_m, event, target, found`` (``exact``, ``counting`` or ``rare events``), ``draws`` (scenarios
-        computed), ``k_vertical`` (best estimate; missing where two estimates disagree), ``k_low, k_high``,
+        computed), ``k_vertical`` or ``k_horizontal`` (best estimate; missing where two disagree), ``k_low, k_high``,
         ``inflation`` (k_high over the multiplier of the record), ``probability, probability_low,
         probability_high`` of the event at ``k_high`` (bounds at the confidence, two-sided where counted, each for
         itself where estimated, equal where exact), and ``alarm_rate_before, alarm_rate_after`` (with ``_low`` and
@@ -108,15 +113,20 @@ def calibrate(
         at ``k_vertical``, with a 95 % interval, where it ran. ``warning`` is empty, or says what is in doubt.
 
         The curves, where there are any, are in ``table.attrs["curves"]``, each a dictionary of ``epoch, method,
-        fault`` and lists ``k_vertical, probability, low, high`` (either bound with the confidence).
+        fault`` and lists ``k_vertical`` (or ``k_horizontal``), ``probability, low, high`` (either bound with the
+        confidence).
 
     Raises:
         InputError: a method without a multiplier, options outside their range, faults of another geometry, a pooled
             multiplier whose target is too rare to count.
     """
-    alert = require_geometry_and_alert(g, alert)
+    alert = require_geometry_and_alert(g, alert, any_axis=True)
     faults = no_fault(g) if faults is None else faults
-    alert = require_inputs(g, faults, alert)
+    alert = require_inputs(g, faults, alert, any_axis=True)
+    if axis == EITHER:
+        raise InputError(f"axis: a multiplier belongs to one level; choose {VERTICAL} or {HORIZONTAL}.")
+    level: LevelAxis = "vertical" if as_axis(axis, alert) == VERTICAL else "horizontal"
+    limit_m = alert.limit_m[level]
     require_choice(event, EVENTS, field="event")
     require_truth(pooled, field="pooled")
     require_within(target, field="target", low=1e-15, high=0.999)
@@ -124,11 +134,12 @@ def calibrate(
     draws = require_whole(draws, field="draws", low=1, high=LARGEST_DRAWS)
     seed = require_whole(seed, field="seed", low=0, high=LARGEST_SEED)
     (chosen,) = as_methods([method], g)
-    require_k(chosen)
+    require_k(chosen, level)
+    k_before = k_of(chosen, level)
     series = g.as_series()
 
     def estimated(part: Geometry, fault: Faults) -> tuple[KFactor, dict[str, float], ExceedanceCurve | None]:
-        unit_m, ratio = drawn_ratios(part, fault, chosen, event, alert, draws=draws, seed=seed)
+        unit_m, ratio = drawn_ratios(part, fault, chosen, event, alert, draws=draws, seed=seed, axis=level)
         high, low = order_bounds(ratio.size, target, confidence)
         curve = None
         if estimator is None and high >= 1:
@@ -142,7 +153,9 @@ def calibrate(
                 f"at least {needed} draws per epoch, not {draws} (or a larger target, or one multiplier per epoch)."
             )
         elif estimator is None:
-            state, name = ratio_state(part, fault, chosen, event, alert), f"{chosen.name}/{event}/{fault.labels[0]}"
+            state = ratio_state(part, fault, chosen, event, alert, level)
+            # The vertical is not named: it has had these random numbers all along.
+            name = "/".join((chosen.name, event, fault.labels[0], *([] if level == VERTICAL else [level])))
             made = from_curve(
                 state, target=target, confidence=confidence, key=(seed, int(part.epoch[0])), name=name,
                 target_cov=target_cov, most_evaluations=max_evaluations,
@@ -150,14 +163,14 @@ def calibrate(
             found, curve = made.found, made.curve
         else:
             asked, one = estimator, part[0]
-            local = Faults.from_array(one, fault.bias_m[:, [part.names.index(name) for name in one.names]])
+            local = Faults.from_array(one, at_epoch(part, fault, 0)[:, [part.names.index(name) for name in one.names]])
 
             def trial(k: float) -> tuple[float, float, float, str]:
-                row = asked(with_k(chosen, k))(local, target_cov, seed).iloc[0]
+                row = asked(with_k(chosen, k, level))(local, target_cov, seed).iloc[0]
                 return *bounds_of(row, confidence), str(row["warning"])
 
             found = searched(trial, first_guess(ratio, target), target)
-        alarm = [alarm_rate(unit_m, k, alert, confidence) for k in (k_of(chosen), found.high)]
+        alarm = [alarm_rate(unit_m, k, limit_m, confidence) for k in (k_before, found.high)]
         return found, alarm_columns(*alarm), curve
 
     rows: list[dict[str, Any]] = []
@@ -176,12 +189,12 @@ def calibrate(
                 "target": float(target),
             }
             if exact_law(chosen) is not None and estimator is None:
-                found, alarm = exact_k_factor(part, fault, chosen, event, alert, target)
+                found, alarm = exact_k_factor(part, fault, chosen, event, alert, target, level)
             else:
                 found, alarm, curve = estimated(part, fault)
                 if curve is not None:
-                    curves.append(_curve_columns(keys, curve, confidence))
-            rows.append(keys | _columns(found, k_of(chosen), alarm))
+                    curves.append(_curve_columns(keys, curve, confidence, level))
+            rows.append(keys | _columns(found, k_before, alarm, level))
     if not rows:
         raise InputError("faults: none of them has all of its satellites in view at any epoch of this geometry.")
     table = pd.DataFrame(rows)
@@ -193,16 +206,16 @@ def calibrate(
     return table
 
 
-def _columns(found: KFactor, k_before: float, alarm: dict[str, float]) -> dict[str, object]:
+def _columns(found: KFactor, k_before: float, alarm: dict[str, float], axis: str) -> dict[str, object]:
     names = ("probability", "probability_low", "probability_high")
-    first = {"found": found.found, "draws": found.draws, "k_vertical": found.k, "k_low": found.low}
+    first = {"found": found.found, "draws": found.draws, f"k_{axis}": found.k, "k_low": found.low}
     first |= {"k_high": found.high, "inflation": found.high / k_before}
     return first | {name: getattr(found, name) for name in names} | alarm | found.check | {"warning": found.warning}
 
 
-def _curve_columns(keys: dict[str, Any], curve: ExceedanceCurve, confidence: float) -> dict[str, Any]:
+def _curve_columns(keys: dict[str, Any], curve: ExceedanceCurve, confidence: float, axis: str) -> dict[str, Any]:
     low, high = curve.bounds(confidence)
-    columns = {"k_vertical": curve.k, "probability": curve.probability, "low": low, "high": high}
+    columns = {f"k_{axis}": curve.k, "probability": curve.probability, "low": low, "high": high}
     return {name: keys[name] for name in ("epoch", "method", "fault")} | {
         name: values.tolist() for name, values in columns.items()
     }

@@ -11,12 +11,13 @@ from __future__ import annotations
 import math
 from collections.abc import Callable
 from dataclasses import dataclass, field
+from typing import Literal
 
 import numpy as np
 import pandas as pd
 from scipy import optimize, stats
 
-from pl_mc.alert import AlertLimits
+from pl_mc.alert import VERTICAL, AlertLimits
 from pl_mc.arrays import FloatArray
 from pl_mc.engine import sample
 from pl_mc.faults import Faults
@@ -32,11 +33,14 @@ from pl_mc.statistics.student import student_factor
 NO_CHECK = dict.fromkeys(("check_probability", "check_low", "check_high"), math.nan)
 EXACT, COUNTING, RARE = "exact", "counting", "rare events"
 
+# The axes that have a level of their own.
+LevelAxis = Literal["vertical", "horizontal"]
+
 # Multipliers beyond these are no protection levels; K is searched for between them.
 LARGEST_FACTOR, SMALLEST_FACTOR = 1e9, 1e-6
 
 # An alert limit that no protection level passes: an alarm in spite of it is the method's own test.
-NO_LIMIT = AlertLimits("none", vertical_m=1e9, horizontal_m=40.0)
+NO_LIMIT = AlertLimits("none", vertical_m=1e9)
 _DRAWS_PER_CALL = 50_000
 
 # Multipliers that a search may try, and how close to the target it has to come.
@@ -69,29 +73,37 @@ class KFactor:
 ALWAYS_ALARMS = KFactor(0.0, 0.0, 0.0, 0.0, 0.0, 0.0, EXACT, 0)
 
 
-def exact_rates(g: Geometry, faults: Faults, method: Method, alert: AlertLimits, k: float) -> pd.DataFrame:
+def exact_rates(
+    g: Geometry, faults: Faults, method: Method, alert: AlertLimits, k: float, axis: LevelAxis = "vertical"
+) -> pd.DataFrame:
     """The rates of `ls_rates` for a method with an exact law and another multiplier ``k``."""
-    law = exact_law(with_k(method, k))
+    law = exact_law(with_k(method, k, axis))
     assert law is not None
-    return law.rates(g, faults, alert)
+    return law.rates(g, faults, alert, axis)
 
 
 def exact_k_factor(
-    g: Geometry, fault: Faults, method: Method, event: str, alert: AlertLimits, target: float
+    g: Geometry,
+    fault: Faults,
+    method: Method,
+    event: str,
+    alert: AlertLimits,
+    target: float,
+    axis: LevelAxis = "vertical",
 ) -> tuple[KFactor, dict[str, float]]:
     """Of a method with an exact law; ``g`` is a series over which the mean risk counts."""
     quantities, kept = ls_quantities(g), fault.applies(g)[:, 0]
     dof = quantities.dof[kept & quantities.available]
 
     def mean_rate(k: float, what: str) -> float:
-        return float(exact_rates(g, fault, method, alert, k)[f"{what}_rate"].mean())
+        return float(exact_rates(g, fault, method, alert, k, axis)[f"{what}_rate"].mean())
 
     def risk(k: float) -> float:
         return mean_rate(k, event)
 
     if dof.size == 0 or risk(SMALLEST_FACTOR) <= target:
         k = 0.0
-    elif event == EXCEEDED and not fault.bias_m.any() and kept.sum() == dof.size == 1:
+    elif axis == VERTICAL and event == EXCEEDED and not fault.bias_m.any() and kept.sum() == dof.size == 1:
         law = exact_law(method)
         assert law is not None
         # Student's quantile is the multiplier of m VDOP, of which the field may be a multiple.
@@ -100,7 +112,7 @@ def exact_k_factor(
         k = _root_of(risk, target)
     at_k = risk(k) if k > 0 else risk(SMALLEST_FACTOR)
     found = KFactor(k, k, k, at_k, at_k, at_k, EXACT, 0)
-    before, after = (mean_rate(max(value, SMALLEST_FACTOR), "alarm") for value in (k_of(method), k))
+    before, after = (mean_rate(max(value, SMALLEST_FACTOR), "alarm") for value in (k_of(method, axis), k))
     return found, alarm_columns((before, before, before), (after, after, after))
 
 
@@ -122,10 +134,10 @@ def _root_of(risk: Callable[[float], float], target: float) -> float:
     return math.exp(optimize.brentq(excess, math.log(first), math.log(last), xtol=1e-12, rtol=1e-12))
 
 
-def alarm_rate(unit_m: FloatArray, k: float, alert: AlertLimits, confidence: float) -> tuple[float, float, float]:
+def alarm_rate(unit_m: FloatArray, k: float, limit_m: float, confidence: float) -> tuple[float, float, float]:
     """Share of the draws that alarm with this multiplier, with its bounds."""
     # Where there is no solution, or the method's test rejects, there is an alarm even for a multiplier of zero.
-    alarms = int((np.isinf(unit_m) | (unit_m > alert.val_m / max(k, SMALLEST_FACTOR))).sum())
+    alarms = int((np.isinf(unit_m) | (unit_m > limit_m / max(k, SMALLEST_FACTOR))).sum())
     low, high = clopper_pearson(alarms, unit_m.size, confidence)
     return alarms / unit_m.size, float(low), float(high)
 
@@ -167,9 +179,17 @@ def fewest_draws(target: float, confidence: float) -> int:
 
 
 def drawn_ratios(
-    g: Geometry, fault: Faults, method: Method, event: str, alert: AlertLimits, *, draws: int, seed: int
+    g: Geometry,
+    fault: Faults,
+    method: Method,
+    event: str,
+    alert: AlertLimits,
+    *,
+    draws: int,
+    seed: int,
+    axis: LevelAxis = "vertical",
 ) -> tuple[FloatArray, FloatArray]:
-    """VPL for a multiplier of one [m] and the ratio of each draw.
+    """The level for a multiplier of one [m] and the ratio of each draw.
 
     Where the method's own test rejects, or there is no solution, the first is infinite and the ratio zero: an alarm
     and no event, whatever the multiplier.
@@ -181,10 +201,12 @@ def drawn_ratios(
         count = min(_DRAWS_PER_CALL, draws - k * _DRAWS_PER_CALL)
         table = sample(g, fault, draws=count, seed=int(seeds[k]), methods=(method,), alert=NO_LIMIT)
         available, rejects = table["available"].to_numpy(bool), table["alarm"].to_numpy(bool)
-        level_m = np.where(available, table["vpl_m"], np.inf) / k_of(method)
-        error_m = np.where(available, np.abs(table["up_m"]), 0.0)
+        vertical = axis == VERTICAL
+        level_m = np.where(available, table["vpl_m" if vertical else "hpl_m"], np.inf) / k_of(method, axis)
+        size_m = np.abs(table["up_m"]) if vertical else np.hypot(table["east_m"], table["north_m"])
+        error_m = np.where(available, size_m, 0.0)
         silent = available & ~rejects
-        worth_m = np.minimum(error_m, alert.val_m) if event == MISLEADING else error_m
+        worth_m = np.minimum(error_m, alert.limit_m[axis]) if event == MISLEADING else error_m
         counts = silent if event == MISLEADING else available
         # A perfect fit has a level of zero, which every error exceeds.
         ratio = np.divide(worth_m, level_m, out=np.full(worth_m.shape, np.inf), where=level_m > 0)

@@ -1,8 +1,9 @@
 """The ratio of an error to the protection level of a multiplier of one: one number that serves every multiplier.
 
 With VPL = K u an event happens where its ratio is above K: |e| / u for an error beyond the level, min(|e|, VAL) / u
-for a misleading one (no alarm besides, K u <= VAL). So the ratio is a limit state for every K at once, compiled
-once; the levels that subset simulation climbs through are multipliers themselves.
+for a misleading one (no alarm besides, K u <= VAL); horizontally with HPL, HAL and the length of the error. So the
+ratio is a limit state for every K at once, compiled once; the levels that subset simulation climbs through are
+multipliers themselves.
 """
 
 from __future__ import annotations
@@ -14,11 +15,12 @@ import jax.numpy as jnp
 import numpy as np
 from jax import Array
 
-from pl_mc.alert import AlertLimits
+from pl_mc.alert import VERTICAL, AlertLimits
 from pl_mc.arrays import FloatArray
 from pl_mc.faults import Faults
-from pl_mc.geometry.record import UP, Geometry
-from pl_mc.integrity_risk.rare.limit_state import EpochState
+from pl_mc.geometry.record import Geometry
+from pl_mc.injection import at_epoch
+from pl_mc.integrity_risk.rare.limit_state import EpochState, sizes_and_levels
 from pl_mc.integrity_risk.rare.subset import Coordinates
 from pl_mc.methods.base import Method, Outcome
 from pl_mc.methods.capabilities import with_k
@@ -71,21 +73,23 @@ class RatioLimit:
             return np.clip(np.log(ratio / self.k), -_FAR, _FAR)
 
 
-def ratio_state(g: Geometry, fault: Faults, method: Method, event: str, alert: AlertLimits) -> RatioState:
+def ratio_state(
+    g: Geometry, fault: Faults, method: Method, event: str, alert: AlertLimits, axis: str = VERTICAL
+) -> RatioState:
     """The ratio under one fault at an epoch, or a series of one, with redundancy; the multiplier does not count."""
     # A change of the multiplier would be another record, and a compilation of its own.
-    return RatioState.of(g.as_series(), 0, fault.bias_m[0], with_k(method, 1.0), event, alert)
+    return RatioState.of(g.as_series(), 0, at_epoch(g, fault, 0)[0], with_k(method, 1.0, axis), event, alert, axis=axis)
 
 
-def ratio_of(outcome: Outcome, vertical_m: Array | float, misleading: Array | bool) -> Array:
-    """(...), the ratio of outcomes whose level has a multiplier of one.
+def ratio_of(outcome: Outcome, limit_m: Array | float, misleading: Array | bool, axis: str = VERTICAL) -> Array:
+    """(...), the ratio of outcomes whose level has a multiplier of one, vertically or horizontally.
 
     Zero without a solution, and for a misleading event where the method's own test rejects; infinite where the
     level is zero, which every error exceeds.
     """
-    error = jnp.abs(outcome.error_m[UP])
-    worth = jnp.where(misleading, jnp.minimum(error, vertical_m), error)
+    ((error, level_m),) = sizes_and_levels(outcome, axis)
+    worth = jnp.where(misleading, jnp.minimum(error, jnp.reshape(jnp.asarray(limit_m), ())), error)
     counts = outcome.available & ~(outcome.rejects & misleading)
-    level = jnp.where(counts, outcome.vpl_m, 1.0)
+    level = jnp.where(counts, level_m, 1.0)
     ratio = jnp.where(level > 0, worth / jnp.where(level > 0, level, 1.0), jnp.inf)
     return jnp.where(counts, ratio, 0.0)

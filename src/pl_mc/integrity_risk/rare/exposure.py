@@ -31,6 +31,7 @@ from pl_mc.engine.plan import make_plan
 from pl_mc.faults import Faults
 from pl_mc.geometry.record import Geometry
 from pl_mc.input_errors import InputError, require_numbers, require_positive, require_whole, shown
+from pl_mc.kernels.parameters import Trees, as_trees, of_trees
 from pl_mc.methods import Method, Outcome, as_methods
 from pl_mc.noise_models import GAUSSIAN, NoiseModel, as_noise_model
 from pl_mc.noise_models.gauss_markov import GaussMarkov, step
@@ -110,7 +111,7 @@ def exposure(
         return _block_sums(
             jax.tree.map(lambda part: part[0], plan.batch(chunk, dtype)), np.uint32(seed), *blocks,
             jnp.asarray(GaussMarkov(tau_s).correlation(interval_s), dtype),
-            limits_of(alert, dtype), methods=chosen, noise_model=model, samples=samples,
+            limits_of(alert, dtype), as_trees(chosen), noise_model=model, samples=samples,
         )  # fmt: skip
 
     sums = np.zeros((len(taus), 3, len(faults), len(chosen), len(EVENTS)))
@@ -151,16 +152,17 @@ def _taus(tau_s: ArrayLike) -> list[float]:
     return [GaussMarkov(float(value)).tau_s for value in values]
 
 
-@functools.partial(jax.jit, static_argnames=("methods", "noise_model", "samples"))
+@functools.partial(jax.jit, static_argnames=("noise_model", "samples"))
 def _block_sums(
     one: EpochBatch, seed: Array, block: Array, full_blocks: Array, remainder: Array, correlation: Array,
-    limits_m: Array, *, methods: tuple[Method, ...], noise_model: NoiseModel, samples: int,
+    limits_m: Array, methods: Trees, *, noise_model: NoiseModel, samples: int,
 ) -> Array:  # fmt: skip
     """(3, f, methods, events), over the exposures of a block.
 
     How many have the event, and the sum and the square sum of the number of samples with it.
     """
-    model, prepared = prepare_epoch(one, methods)
+    chosen = of_trees(methods)
+    model, prepared = prepare_epoch(one, chosen)
     rows, dtype = model.design.shape[0], model.design.dtype
     key = jax.random.fold_in(jax.random.fold_in(epoch_key(seed, one.epoch), np.uint32(_EXPOSURES)), block)
     shape = (noise_model.inputs_per_row, rows, LANES)
@@ -176,10 +178,10 @@ def _block_sums(
         units, counts = carry
         units = jnp.where(time == 0, fresh(time), step(units, fresh(time), correlation))
         noise = noise_model.shape(model, list(units))
-        seen = each_outcome(model, prepared, methods, one, noise, count)
+        seen = each_outcome(model, prepared, chosen, one, noise, count)
         return (units, counts + seen.astype(jnp.int32)), None
 
-    none = jnp.zeros((one.bias_m.shape[0], len(methods), len(EVENTS), LANES), jnp.int32)
+    none = jnp.zeros((one.bias_m.shape[0], len(chosen), len(EVENTS), LANES), jnp.int32)
     start = (jnp.zeros(shape, dtype), none)
     (_, counts), _ = jax.lax.scan(one_sample, start, jnp.arange(samples, dtype=jnp.int32))
     live = live_lanes(block, full_blocks, remainder)

@@ -17,12 +17,13 @@ import numpy as np
 from jax import Array
 from numpy.typing import NDArray
 
-from pl_mc.alert import AlertLimits
+from pl_mc.alert import EITHER, HORIZONTAL, VERTICAL, AlertLimits, judged_by
 from pl_mc.arrays import FloatArray
 from pl_mc.engine.events import unconverged
-from pl_mc.geometry.record import POSITION_UNKNOWNS, UP, Geometry
+from pl_mc.geometry.record import EAST, NORTH, POSITION_UNKNOWNS, UP, Geometry
 from pl_mc.ism import satellite_codes
 from pl_mc.kernels import linear_model, start_from
+from pl_mc.kernels.parameters import Trees, as_trees, of_trees
 from pl_mc.methods.base import Method, Outcome
 from pl_mc.noise_models import GAUSSIAN, NoiseModel
 from pl_mc.runtime.precision import precision_scope
@@ -33,8 +34,11 @@ RISK_EVENTS = ("missed", "misleading", "exceeded", "alarm")
 POINTS_PER_CALL = 1024
 _TILE = 512
 
-# From outcomes, vertical alert limit [m] and event to a number each.
-OfOutcome = Callable[[Outcome, Array, Any], Array]
+# From outcomes, the alert limits of an axis [m], the event and the axis to a number each.
+OfOutcome = Callable[[Outcome, Array, Any, str], Array]
+
+# What the errors of an axis are made of.
+_COMPONENTS = {VERTICAL: (UP,), HORIZONTAL: (EAST, NORTH), EITHER: (UP, EAST, NORTH)}
 
 # The limit state [m] where no distance is known: no solution, or a test of the method's own that decides alone.
 FAR_M = 1e9
@@ -42,16 +46,19 @@ FAR_M = 1e9
 
 @dataclass(frozen=True)
 class Rotation:
-    """Orthonormal coordinates of the whitened noise of one epoch, those that matter for the vertical first.
+    """Orthonormal coordinates of the whitened noise of one epoch, those that matter for an axis first.
 
-    The first coordinate is the direction that moves the least-squares vertical error, the second the fault's trace
-    in the residuals, the next the rest of the residuals. The others move horizontal position and clocks alone;
-    an estimator that follows a shift of its observations does not feel them in its vertical error or its levels.
+    For the vertical the first coordinate is the direction that moves the least-squares vertical error, the second the
+    fault's trace in the residuals, the next the rest of the residuals. The others move horizontal position and clocks
+    alone; an estimator that follows a shift of its observations does not feel them in its vertical error or its
+    levels. For the horizontal the two directions that move the error east and north stand in the place of the first,
+    for both together all three.
 
     Attributes:
         matrix: (n, m), rows of the geometry by coordinates, m satellites in view; zero on padding. Where an error
             comes from k numbers (k n, k m).
-        active: number of coordinates that matter: degrees of freedom and one; all where errors are not Gaussian.
+        active: number of coordinates that matter: degrees of freedom and the components of the error; all where
+            errors are not Gaussian.
     """
 
     matrix: FloatArray
@@ -65,7 +72,7 @@ class InCoordinates:
 
     @property
     def active(self) -> int:
-        """Number of coordinates that matter for the vertical."""
+        """Number of coordinates that matter."""
         return self.coordinates.active
 
     @property
@@ -74,19 +81,18 @@ class InCoordinates:
         return self.coordinates.matrix.shape[1]
 
 
-def rotation(design: FloatArray, sigma_m: FloatArray, in_view: NDArray[np.bool_], bias_m: FloatArray) -> Rotation:
+def rotation(
+    design: FloatArray, sigma_m: FloatArray, in_view: NDArray[np.bool_], bias_m: FloatArray, axis: str = VERTICAL
+) -> Rotation:
     """The coordinates of an epoch with redundancy: design (n, t) [m/m]; sigma [m], view and fault [m] (n,)."""
     seen = np.flatnonzero(in_view)
     whitened = design[seen] / sigma_m[seen, None]
     used = whitened.any(axis=0) | (np.arange(whitened.shape[1]) < POSITION_UNKNOWNS)
     fitted, triangle = np.linalg.qr(whitened[:, used])
-    # The vertical row of (A'A)^-1 A' lies in the fitted space.
-    unit = np.zeros(triangle.shape[0])
-    unit[UP] = 1.0
-    vertical = fitted @ np.linalg.solve(triangle.T, unit)
+    # The rows of (A'A)^-1 A' lie in the fitted space.
+    first = [fitted @ np.linalg.solve(triangle.T, unit) for unit in np.eye(triangle.shape[0])[list(_COMPONENTS[axis])]]
     scaled = bias_m[seen] / sigma_m[seen]
     trace = scaled - fitted @ (fitted.T @ scaled)
-    first = [vertical]
     # A fault that the residuals do not show leaves a trace of rounding alone.
     if float(np.linalg.norm(trace)) > 1e-9 * float(np.linalg.norm(scaled)):
         first.append(trace)
@@ -95,7 +101,7 @@ def rotation(design: FloatArray, sigma_m: FloatArray, in_view: NDArray[np.bool_]
     residuals = np.linalg.svd(np.eye(seen.size) - fitted @ fitted.T)[0][:, : seen.size - unknowns]
     matrix = np.zeros((design.shape[0], seen.size))
     matrix[seen] = _orthonormal(np.column_stack([*first, residuals, fitted]))
-    return Rotation(matrix, active=seen.size - unknowns + 1)
+    return Rotation(matrix, active=seen.size - unknowns + len(_COMPONENTS[axis]))
 
 
 def all_axes(in_view: NDArray[np.bool_], inputs: int) -> Rotation:
@@ -131,9 +137,10 @@ class EpochState(InCoordinates):
         design: (n, t) [m/m]; sigma_m: (n,) [m]; in_view: (n,); bias_m: (n,), the fault [m].
         method: the method.
         event: one of `RISK_EVENTS`.
-        vertical_m: vertical alert limit [m].
+        limits_m: alert limit of the axis [m]; of both, the vertical one first, where either decides.
         coordinates: the coordinates of the points: `rotation` for errors that are Gaussian but for a constant,
             else `all_axes`.
+        axis: by which error, level and limit it judges.
         satellite: (n,), codes of the satellites, for methods that tell them apart.
     """
 
@@ -143,33 +150,36 @@ class EpochState(InCoordinates):
     bias_m: FloatArray
     method: Method
     event: str
-    vertical_m: float
+    limits_m: float | tuple[float, ...]
     coordinates: Rotation
+    axis: str = VERTICAL
     satellite: NDArray[np.int32] | None = field(default=None, kw_only=True)
 
     @classmethod
     def of(
         cls, series: Geometry, epoch: int, bias_m: FloatArray, method: Method, event: str, alert: AlertLimits,
-        coordinates: Rotation | None = None, **options: Any,
+        coordinates: Rotation | None = None, axis: str = VERTICAL, **options: Any,
     ) -> Self:  # fmt: skip
         """Of an epoch by its place in a series, with the fault by satellite (m,) [m]; `rotation` unless given."""
         seen, design, sigma = series.in_view[epoch], series.design[epoch], series.sigma_m[epoch]
         bias = np.where(seen, bias_m[series.satellite[epoch]], 0.0)
-        turned = rotation(design, sigma, seen, bias) if coordinates is None else coordinates
+        turned = rotation(design, sigma, seen, bias, axis) if coordinates is None else coordinates
+        limits_m = tuple(alert.limit_m[one] for one in judged_by(axis))
         codes = satellite_codes(series, series.satellite[epoch])
-        return cls(design, sigma, seen, bias, method, event, alert.val_m, turned, satellite=codes, **options)
+        return cls(design, sigma, seen, bias, method, event, limits_m, turned, axis, satellite=codes, **options)
 
     def computed(self, points: FloatArray, of: OfOutcome, event: Any, noise_model: NoiseModel = GAUSSIAN) -> FloatArray:
-        """(N,), what a function of outcomes, alert limit and event makes of points (N, dimension), call by call."""
+        """(N,), what a function of outcomes makes of points (N, dimension), call by call; see `OfOutcome`."""
         arrays = (self.design, self.sigma_m, self.in_view, self.satellite, self.bias_m)
-        rows, vertical_m = self.coordinates.matrix, np.float64(self.vertical_m)
-        values = np.empty(len(points))
+        rows, limits_m = self.coordinates.matrix, np.atleast_1d(np.asarray(self.limits_m, np.float64))
+        static = {"of": of, "noise_model": noise_model, "axis": self.axis}
+        values, methods = np.empty(len(points)), as_trees((self.method,))
         with precision_scope("float64"):
             for start in range(0, len(points), POINTS_PER_CALL):
                 some = points[start : start + POINTS_PER_CALL]
                 noise = np.zeros((POINTS_PER_CALL, rows.shape[0]))
                 noise[: len(some)] = some @ rows.T
-                found = _values(*arrays, noise, vertical_m, event, of=of, method=self.method, noise_model=noise_model)
+                found = _values(*arrays, noise, limits_m, event, methods, **static)
                 values[start : start + len(some)] = np.asarray(found)[: len(some)]
         return values
 
@@ -193,12 +203,13 @@ class LimitState(EpochState):
         return self.computed(points, _unconverged, np.int32(0), self.noise) > 0
 
 
-@functools.partial(jax.jit, static_argnames=("of", "method", "noise_model"))
+@functools.partial(jax.jit, static_argnames=("of", "noise_model", "axis"))
 def _values(
     design: Array, sigma_m: Array, in_view: Array, satellite: Array | None, bias_m: Array, noise: Array,
-    vertical_m: Array, event: Array, *, of: OfOutcome, method: Method, noise_model: NoiseModel,
+    limits_m: Array, event: Array, methods: Trees, *, of: OfOutcome, noise_model: NoiseModel, axis: str,
 ) -> Array:  # fmt: skip
     """(N,), what ``of`` makes of the outcomes of standard normal numbers (N, k n)."""
+    (method,) = of_trees(methods)
     model = linear_model(design, sigma_m, in_view, satellite=satellite)
     prepared = method.prepare(model)
     rows = sigma_m.shape[0]
@@ -207,37 +218,50 @@ def _values(
         numbers = tile.T
         units = [numbers[k * rows : (k + 1) * rows] for k in range(noise_model.inputs_per_row)]
         errors = noise_model.shape(model, units) * sigma_m[:, None] + bias_m[:, None]
-        return of(method.solve(model, prepared, start_from(model, errors)), vertical_m, event)
+        return of(method.solve(model, prepared, start_from(model, errors)), limits_m, event, axis)
 
     return jax.lax.map(one_tile, noise.reshape(-1, _TILE, noise.shape[1])).reshape(-1)
 
 
-def _unconverged(outcome: Outcome, vertical_m: Array, event: Array) -> Array:
+def _unconverged(outcome: Outcome, limits_m: Array, event: Array, axis: str) -> Array:
     """One where the iteration has not settled."""
     return unconverged(outcome).astype(outcome.vpl_m.dtype)
 
 
-def _by_place(outcome: Outcome, vertical_m: Array, event: Array) -> Array:
+def _by_place(outcome: Outcome, limits_m: Array, event: Array, axis: str) -> Array:
     """The limit state of an event by its place in `RISK_EVENTS`."""
     # All of them cost next to nothing, and one compiled function serves every event.
-    return jnp.stack([limit_state(outcome, vertical_m, name) for name in RISK_EVENTS])[event]
+    return jnp.stack([limit_state(outcome, limits_m, name, axis) for name in RISK_EVENTS])[event]
 
 
-def limit_state(outcome: Outcome, vertical_m: Array | float, event: str) -> Array:
+def sizes_and_levels(outcome: Outcome, axis: str) -> list[tuple[Array, Array]]:
+    """The size of each error that an axis judges, and its protection level [m], the vertical one first."""
+    error = outcome.error_m
+    both = {
+        VERTICAL: lambda: (jnp.abs(error[UP]), outcome.vpl_m),
+        HORIZONTAL: lambda: (jnp.hypot(error[EAST], error[NORTH]), outcome.hpl_m),
+    }
+    return [both[one]() for one in judged_by(axis)]
+
+
+def limit_state(outcome: Outcome, limits_m: Array | float, event: str, axis: str = VERTICAL) -> Array:
     """(...), a number [m] that is positive where the event of `pl_mc.engine.events` happens, and not elsewhere.
 
-    How far the vertical error is beyond its limit, and the protection level below the alert limit, whichever is
-    less; at most `FAR_M` either way. Without a solution there is an alarm and nothing else; a rejection is an
-    alarm.
+    How far an error is beyond its limit, and its protection level below the alert limit, whichever is less; at most
+    `FAR_M` either way. Where either error decides it is the one that is further beyond, and the level that is closest
+    to its limit. Without a solution there is an alarm and nothing else; a rejection is an alarm.
     """
-    error = jnp.abs(outcome.error_m[UP])
-    quiet = vertical_m - outcome.vpl_m
+    limits = jnp.atleast_1d(limits_m)
+    judged = [(*pair, limits[k]) for k, pair in enumerate(sizes_and_levels(outcome, axis))]
+    quiet = functools.reduce(jnp.minimum, [limit - level for _, level, limit in judged])
+    beyond = functools.reduce(
+        jnp.maximum, [error - (limit if event == "missed" else level) for error, level, limit in judged]
+    )
     if event == "alarm":
         level, decided, far = -quiet, ~outcome.available | outcome.rejects, FAR_M
     elif event == "exceeded":
-        level, decided, far = error - outcome.vpl_m, ~outcome.available, -FAR_M
+        level, decided, far = beyond, ~outcome.available, -FAR_M
     else:
-        limit = vertical_m if event == "missed" else outcome.vpl_m
-        level, decided, far = jnp.minimum(error - limit, quiet), ~outcome.available | outcome.rejects, -FAR_M
+        level, decided, far = jnp.minimum(beyond, quiet), ~outcome.available | outcome.rejects, -FAR_M
     # Where nothing is available the levels are infinite, and their difference is no number.
     return jnp.where(decided, far, jnp.clip(jnp.where(decided, 0.0, level), -FAR_M, FAR_M))

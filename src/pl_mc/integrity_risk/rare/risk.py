@@ -14,11 +14,12 @@ import numpy as np
 import pandas as pd
 from scipy import stats
 
-from pl_mc.alert import LPV_200, AlertLimits, unjudged_note
+from pl_mc.alert import LPV_200, VERTICAL, AlertLimits, as_axis, unjudged_note
 from pl_mc.arrays import FloatArray, ordinary_arithmetic
 from pl_mc.engine.checks import LARGEST_SEED, notes_on_faults, require_inputs, solved_epochs
 from pl_mc.faults import Faults
 from pl_mc.geometry.record import Geometry
+from pl_mc.injection import at_epoch
 from pl_mc.input_errors import require_choice, require_whole, require_within
 from pl_mc.integrity_risk.rare.importance import FEWEST_SEARCHES, ImportanceRun, importance_sampling
 from pl_mc.integrity_risk.rare.limit_state import RISK_EVENTS, LimitState, all_axes
@@ -97,6 +98,7 @@ def risk(
     method: str | Method = "igg3",
     target_cov: float = 0.1,
     alert: str | AlertLimits = LPV_200,
+    axis: str | None = None,
     noise: str | NoiseModel = GAUSSIAN,
     max_evaluations: int = 10_000_000,
     workers: int | None = None,
@@ -116,7 +118,9 @@ def risk(
         event: ``missed``, ``misleading``, ``exceeded`` or ``alarm``, as `pl_mc.sweep` defines them.
         method: name or record of a method.
         target_cov: standard error / probability that is aimed at, above 0 and below 1.
-        alert: alert limits; the vertical one decides.
+        alert: alert limits.
+        axis: which of them decide, ``vertical``, ``horizontal`` (the length of the horizontal error, by HPL and HAL) or
+            ``either``; the vertical one unless given, the horizontal one where there is no other.
         noise: how errors are distributed, a name or a record of `pl_mc.noise_models`. Unless they are Gaussian but
             for a constant every number behind them is a coordinate, and estimates cost more.
         max_evaluations: scenarios that a row may cost, both estimators together; at least 500,000.
@@ -125,7 +129,8 @@ def risk(
 
     Returns:
         One row per fault (per epoch and fault for a series: a fault gives no row where one of its satellites is out
-        of view, see ``table.attrs["notes"]``): ``epoch`` (series only), ``fault, bias_m, method, event`` and
+        of view, see ``table.attrs["notes"]``): ``epoch`` (series only), ``fault, bias_m, method, event``, a column
+        ``axis`` behind the method where one was given or the horizontal limit decides, and
 
         ``probability``: the estimate; NaN where the warning takes it back or nothing reached the event;
         ``standard_error``: its standard error;
@@ -142,9 +147,10 @@ def risk(
         iteration moved the position by more than 1 cm, with 95 % Clopper-Pearson bounds; they are no evaluations.
 
     Raises:
-        InputError: bad options, or faults of another geometry.
+        InputError: bad options, an axis without a limit, or faults of another geometry.
     """
-    alert = require_inputs(g, faults, alert)
+    alert = require_inputs(g, faults, alert, any_axis=True)
+    judged = as_axis(axis, alert)
     require_choice(event, RISK_EVENTS, field="event")
     seed = require_whole(seed, field="seed", low=0, high=LARGEST_SEED)
     most = require_whole(max_evaluations, field="max_evaluations", low=FEWEST_EVALUATIONS, high=MOST_EVALUATIONS)
@@ -162,9 +168,10 @@ def risk(
             certain = float(event == "alarm")
             return RiskEstimate(certain, 0.0, certain, certain, np.inf, 0, CERTAIN)
         axes = None if model.shifts_only else all_axes(series.in_view[epoch], model.inputs_per_row)
-        limit = LimitState.of(series, epoch, faults.bias_m[fault], chosen, event, alert, axes, noise=model)
-        # Gaussian errors are not named: they have had these random numbers all along.
-        named = () if model == GAUSSIAN else (model.name,)
+        bias_m = at_epoch(g, faults, epoch)[fault]
+        limit = LimitState.of(series, epoch, bias_m, chosen, event, alert, axes, judged, noise=model)
+        # Gaussian errors and the vertical are not named: they have had these random numbers all along.
+        named = (*([] if model == GAUSSIAN else [model.name]), *([] if judged == VERTICAL else [judged]))
         name = "/".join((chosen.name, event, faults.labels[fault], *named))
         key = (seed, int(series.epoch[epoch]), zlib.crc32(name.encode()))
         found = estimate_risk(limit, key, target_cov=target_cov, most_evaluations=most)
@@ -181,6 +188,7 @@ def risk(
         "fault": np.array([faults.labels[fault] for _, fault in rows], dtype=object),
         "bias_m": faults.scalar_bias_m[[fault for _, fault in rows]],
         "method": np.full(len(rows), chosen.name, dtype=object),
+        **({} if axis is None and judged == VERTICAL else {"axis": np.full(len(rows), judged, dtype=object)}),
         "event": np.full(len(rows), event, dtype=object),
     }
     for field in RiskEstimate.__dataclass_fields__:
@@ -188,7 +196,7 @@ def risk(
         keys[field] = np.array(values, dtype=object if field in _WORDS else None)
     table = pd.DataFrame(keys)
     table.attrs["notes"] = list(notes_on_faults(g, faults))
-    table.attrs["unjudged"] = unjudged_note(alert)
+    table.attrs["unjudged"] = unjudged_note(alert, (judged,))
     return table
 
 
@@ -222,7 +230,7 @@ def estimate_risk(limit: Sampled, key: tuple[int, ...], *, target_cov: float, mo
     if np.isnan(found.probability):
         draws = min(_BOUNDING_DRAWS, most_evaluations - spent)
         events = len(_events(limit, counts, draws))
-        return _counted(events, draws, spent + draws, target_cov)
+        return _counted(events, draws, spent + draws, target_cov, searched=True)
     coarse, left = max(_SECOND_COV, target_cov), most_evaluations - spent
     check = subset_simulation(limit, second, target_cov=coarse, most_evaluations=left)
     return judge(found, check, evaluations=spent, target_cov=target_cov)
@@ -301,18 +309,20 @@ def _events(limit: Sampled, rng: np.random.Generator, draws: int) -> FloatArray:
     return np.concatenate(parts)
 
 
-def _counted(events: int, draws: int, evaluations: int, target_cov: float) -> RiskEstimate:
-    """The row of a count."""
+def _counted(events: int, draws: int, evaluations: int, target_cov: float, *, searched: bool = False) -> RiskEstimate:
+    """The row of a count; ``searched`` in vain by importance sampling, or not."""
     low, high = (float(bound) for bound in clopper_pearson(events, draws, CONFIDENCE))
     rate = events / draws
     error = float(np.sqrt(rate * (1.0 - rate) / draws))
     warning = ""
     if events == 0:
-        warning = (
-            f"nothing reached the event; {draws} plain draws without it bound it from above (importance sampling "
-            f"searches further with more evaluations, max_evaluations of {max(4 * evaluations, 4_000_000):,}, say)"
-        )
+        warning = f"nothing reached the event; {draws} plain draws without it bound it from above"
     elif error > target_cov * rate:
-        warning = f"coefficient of variation {error / rate:.2g} from {events} events in {draws} draws"
+        warning = f"coefficient of variation {error / rate:.2g} from {events} of {draws} draws"
+    if warning and searched:
+        warning += (
+            " (importance sampling searches further with more evaluations, max_evaluations of "
+            f"{max(4 * evaluations, 4_000_000):,}, say)"
+        )
     value = (rate, error) if events else (np.nan, np.nan)
     return RiskEstimate(*value, low, high, float(events), evaluations, COUNTING, warning=warning)

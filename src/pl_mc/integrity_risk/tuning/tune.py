@@ -1,4 +1,4 @@
-"""The limits k0, k1 of IGG-III that cost least at a given risk, found by gradients and judged on fresh noise.
+"""The limits k0, k1 of IGG-III that cost least at a given risk, found by descents and judged on fresh noise.
 
 For every pair of limits the multiplier is the one that keeps the target, so that only the price is left to be made
 small: the mean protection level, or the share of alarms, without a fault. The search sees a smoothed price over
@@ -57,6 +57,8 @@ START, TUNED, GRID = "start", "tuned", "grid"
 _LOWEST, _HIGHEST = np.array([0.5, 0.5]), np.array([6.0, 20.0])
 # k0 and k1 from which the search starts besides those of the record.
 _STARTS = ((0.8, 10.0), (3.0, 6.0))
+# Differences of the search reach so far to either side, in the logarithms of k0 and k1 - k0; they may pass the bounds.
+_SPAN = 0.05
 # Events that the noise of the search has to have at the target, or its quantile says nothing.
 _FEWEST_EVENTS = 20
 # Weighted draws of the search, and fewer effective ones behind a multiplier of it than these say nothing.
@@ -120,7 +122,7 @@ def tune(
         there in a third set of draws, under the fault with the largest (``risk_fault``), with its interval
         (two-sided, for that fault alone), of a rare target the curve's; ``check_probability, check_low,
         check_high``: of a rare target what importance sampling finds at that fault's best multiplier;
-        ``evaluations``, scenarios that finding the limits took, a derivative counted as another; ``warning``. Where
+        ``evaluations``, scenarios that finding the limits took; ``warning``. Where
         two estimates of a rare target disagree, or the weights of the search degenerate, there is a warning and no
         number. ``table.attrs["method"]`` is the tuned record with its multiplier, or None without one.
 
@@ -260,12 +262,6 @@ class _Room:
         k0 = float(next(values)) if self.free[0] else float(self.start[0])
         return np.array([k0, k0 + float(next(values)) if self.free[1] else float(self.start[1])])
 
-    def chain(self, limits: FloatArray, slope: FloatArray) -> FloatArray:
-        """The gradient by the coordinates."""
-        k0, k1 = limits
-        by_k0 = k0 * (slope[0] + (slope[1] if self.free[1] else 0.0))
-        return np.array([by_k0, (k1 - k0) * slope[1]])[self.free]
-
 
 def _descend_weighted(
     problem: TuningProblem, room: _Room, rng: np.random.Generator, steps: int, draws: int
@@ -293,15 +289,19 @@ def _descend(
         return room.start, 0, ""
     calls = 0
 
-    def value(coordinates: FloatArray) -> tuple[float, FloatArray]:
+    def price_at(coordinates: FloatArray) -> float:
         nonlocal calls
         calls += 1
-        limits = room.limits(coordinates)
-        price, slope, _ = problem.smooth(limits, noise)
-        return price, room.chain(limits, slope)
+        return problem.smooth(room.limits(coordinates), noise)[0]
+
+    def value(coordinates: FloatArray) -> tuple[float, FloatArray]:
+        steps = _SPAN * np.eye(len(coordinates))
+        slope = [(price_at(coordinates + one) - price_at(coordinates - one)) / (2.0 * _SPAN) for one in steps]
+        return price_at(coordinates), np.array(slope)
 
     low, high = room.bounds
-    bounds, options = list(zip(low, high, strict=True)), {"maxiter": steps, "ftol": 1e-7}
+    # A ten thousandth of the price is far below its error.
+    bounds, options = list(zip(low, high, strict=True)), {"maxiter": steps, "ftol": 1e-4}
     runs = [
         optimize.minimize(value, room.inside(one), jac=True, method="L-BFGS-B", bounds=bounds, options=options)
         for one in starts
@@ -310,8 +310,7 @@ def _descend(
     at_bound = bool((np.isclose(found.x, low) | np.isclose(found.x, high)).any())
     notes = ["at a bound of the search"] if at_bound else []
     notes += [] if found.success else ["the steps ran out"]
-    # Two derivatives, each with a value of its own, for every fault and the fault-free case.
-    return room.limits(found.x), 4 * calls * _scenarios(problem, noise), "; ".join(notes)
+    return room.limits(found.x), calls * _scenarios(problem, noise), "; ".join(notes)
 
 
 def _scenarios(problem: TuningProblem, noise: FloatArray | WeightedNoise) -> int:

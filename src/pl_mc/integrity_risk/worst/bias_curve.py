@@ -19,7 +19,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from pl_mc.alert import AlertLimits
+from pl_mc.alert import VERTICAL, AlertLimits
 from pl_mc.arrays import FloatArray
 from pl_mc.geometry.record import Geometry
 from pl_mc.integrity_risk.rare.importance import tempered
@@ -64,9 +64,9 @@ class Region:
     traces: FloatArray
 
     @classmethod
-    def of(cls, g: Geometry, method: Method, event: str, alert: AlertLimits) -> Region:
+    def of(cls, g: Geometry, method: Method, event: str, alert: AlertLimits, axis: str = VERTICAL) -> Region:
         """Of an epoch with redundancy."""
-        limit = LimitState.of(g.as_series(), 0, np.zeros(len(g.names)), method, event, alert)
+        limit = LimitState.of(g.as_series(), 0, np.zeros(len(g.names)), method, event, alert, axis=axis)
         return cls(limit, limit.coordinates.matrix[:, : limit.active] / limit.sigma_m[:, None])
 
     def shifted(self, trace: FloatArray) -> Shifted:

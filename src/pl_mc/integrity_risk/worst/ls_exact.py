@@ -18,10 +18,10 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 from scipy import special
 
-from pl_mc.alert import AlertLimits
+from pl_mc.alert import EITHER, HORIZONTAL, VERTICAL, AlertLimits
 from pl_mc.arrays import FloatArray
-from pl_mc.geometry.record import Geometry
-from pl_mc.input_errors import require_choice
+from pl_mc.geometry.record import EAST, NORTH, UP, Geometry
+from pl_mc.input_errors import InputError, require_choice
 from pl_mc.kernels.linear_model import REDUNDANCY_FLOOR
 from pl_mc.methods import Method
 from pl_mc.methods.capabilities import exact_law, refusal
@@ -97,14 +97,26 @@ class Direction:
     bias_m: FloatArray
 
 
-def ls_epoch(g: Geometry, law: LeastSquaresLaw, *, alarm: str, p_fa: float, alert: AlertLimits) -> LsEpoch:
-    """The quantities of a single epoch; ``alarm``, ``p_fa`` and ``alert`` as for `pl_mc.worst_case`."""
+def ls_epoch(
+    g: Geometry, law: LeastSquaresLaw, *, alarm: str, p_fa: float, alert: AlertLimits, component: int = UP
+) -> LsEpoch:
+    """The quantities of a single epoch; ``alarm``, ``p_fa`` and ``alert`` as for `pl_mc.worst_case`.
+
+    Of a horizontal ``component``, EAST or NORTH, everything that is said of the vertical holds of that error and its
+    share of the level: no exact law of the horizontal, but one that knows which faults move it.
+    """
     require_choice(alarm, (PL_ALARM, CHI2_ALARM), field="alarm")
     quantities = ls_quantities(g)
-    available, dof, vdop_m = bool(quantities.available), int(quantities.dof), float(quantities.vdop_m)
+    available, dof = bool(quantities.available), int(quantities.dof)
+    vdop_m, gain = float(quantities.vdop_m), quantities.gain
+    limit_m, multiplier = alert.val_m, law.k_vertical
+    if component != UP:
+        k = (EAST, NORTH).index(component)
+        vdop_m, gain = float(np.sqrt(quantities.horizontal_cofactor[k, k])), quantities.horizontal_gain[k]
+        limit_m, multiplier = alert.hal_m, law.k_horizontal
     threshold = np.nan
     if available and alarm == PL_ALARM:
-        threshold = dof * (alert.val_m / (law.k_vertical * vdop_m)) ** 2
+        threshold = dof * (limit_m / (multiplier * vdop_m)) ** 2
     elif available:
         threshold = float(chi2_threshold(dof, p_fa))
     elif alarm == CHI2_ALARM:
@@ -113,13 +125,21 @@ def ls_epoch(g: Geometry, law: LeastSquaresLaw, *, alarm: str, p_fa: float, aler
         available=available,
         sigma_m=np.asarray(g.sigma_m),
         vdop_m=vdop_m,
-        sensitivity=quantities.gain * np.asarray(g.sigma_m) / vdop_m,
+        sensitivity=gain * np.asarray(g.sigma_m) / vdop_m,
         basis=quantities.basis,
         dof=dof,
         threshold=threshold,
-        level_slope=law.k_vertical / np.sqrt(max(dof, 1)),
-        limit=alert.val_m / vdop_m,
+        level_slope=multiplier / np.sqrt(max(dof, 1)),
+        limit=limit_m / vdop_m,
     )
+
+
+def ls_epochs(
+    g: Geometry, law: LeastSquaresLaw, axis: str, *, alarm: str, p_fa: float, alert: AlertLimits
+) -> tuple[LsEpoch, ...]:
+    """`ls_epoch` of every component of the errors of an axis."""
+    components = {VERTICAL: (UP,), HORIZONTAL: (EAST, NORTH), EITHER: (UP, EAST, NORTH)}[axis]
+    return tuple(ls_epoch(g, law, alarm=alarm, p_fa=p_fa, alert=alert, component=each) for each in components)
 
 
 def worst_direction(epoch: LsEpoch, directions: FloatArray) -> Direction:
@@ -258,12 +278,15 @@ def require_event(event: str) -> str:
     return require_choice(event, EVENTS, field="event")
 
 
-def law_with(alarm: str, method: Method, *, estimated: bool) -> LeastSquaresLaw | None:
-    """The exact law of a method; None where it has none, or estimates take its place.
+def law_with(alarm: str, method: Method, *, estimated: bool, axis: str = VERTICAL) -> LeastSquaresLaw | None:
+    """The exact law of a method; None where it has none, or estimates take its place, as they do horizontally.
 
     Raises:
         InputError: another alarm than that of the level, which only an exact law can have.
     """
+    if axis != VERTICAL and alarm != PL_ALARM:
+        raise InputError(f"alarm: {alarm!r} is for exact worst cases, which are vertical; take {PL_ALARM!r}.")
+    estimated = estimated or axis != VERTICAL
     law = None if estimated else exact_law(method)
     if law is None and alarm != PL_ALARM:
         field = f"alarm: {alarm!r} is for exact laws, {PL_ALARM!r} for estimates too"

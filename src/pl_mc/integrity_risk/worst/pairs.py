@@ -16,7 +16,7 @@ import pandas as pd
 from numpy.typing import NDArray
 from scipy import special
 
-from pl_mc.alert import AlertLimits
+from pl_mc.alert import VERTICAL, AlertLimits
 from pl_mc.arrays import FloatArray
 from pl_mc.engine.checks import LARGEST_SEED
 from pl_mc.faults import Faults
@@ -68,11 +68,13 @@ class Screen:
     evaluations: int = 0
 
     @classmethod
-    def of(cls, g: Geometry, method: Method, event: str, alert: AlertLimits, rng: np.random.Generator) -> Screen:
+    def of(
+        cls, g: Geometry, method: Method, event: str, alert: AlertLimits, rng: np.random.Generator, axis: str = VERTICAL
+    ) -> Screen:
         """Of an epoch with redundancy."""
         n = len(g.names)
         axes = all_axes(np.ones(n, dtype=bool), 1)
-        limit = LimitState.of(g.as_series(), 0, np.zeros(n), method, event, alert, axes)
+        limit = LimitState.of(g.as_series(), 0, np.zeros(n), method, event, alert, axes, axis)
         return cls(limit, rng.standard_normal((POINTS_PER_CALL, n)), int(rng.integers(LARGEST_SEED)))
 
     def counted(self, bias_m: FloatArray) -> tuple[FloatArray, NDArray[np.int64]]:
@@ -89,7 +91,7 @@ class Screen:
         """Of faults (f, n) [m] the logarithm of the probability (f,) from a population of subset simulation."""
         found = np.empty(len(bias_m))
         for k, bias in enumerate(bias_m):
-            turned = rotation(self.limit.design, self.limit.sigma_m, self.limit.in_view, bias)
+            turned = rotation(self.limit.design, self.limit.sigma_m, self.limit.in_view, bias, self.limit.axis)
             limit = replace(self.limit, bias_m=bias, coordinates=turned)
             rng = np.random.default_rng(self.seed)
             run = climb(limit, rng, size=_POINTS, moves=_MOVES, most_evaluations=_MOST)

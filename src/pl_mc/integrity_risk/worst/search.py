@@ -57,10 +57,10 @@ class Search:
 
 
 def rare_event_estimator(
-    g: Geometry, method: Method, event: str, alert: AlertLimits, *, target_cov: float, max_evaluations: int
+    g: Geometry, method: Method, event: str, alert: AlertLimits, axis: str, *, target_cov: float, max_evaluations: int
 ) -> Estimator:
     """`pl_mc.risk` as an `Estimator`; it may spend ``max_evaluations`` once ``target_cov`` is asked for."""
-    options: dict[str, Any] = {"event": event, "method": method, "alert": alert}
+    options: dict[str, Any] = {"event": event, "method": method, "alert": alert, "axis": axis}
 
     def estimate(faults: Faults, cov: float, seed: int) -> pd.DataFrame:
         most = max_evaluations if cov <= target_cov else min(max_evaluations, FEWEST_EVALUATIONS)

@@ -18,7 +18,7 @@ from typing import Literal
 import numpy as np
 import pandas as pd
 
-from pl_mc.alert import LPV_200, AlertLimits, unjudged_note
+from pl_mc.alert import LPV_200, VERTICAL, AlertLimits, as_axis, unjudged_note
 from pl_mc.arrays import FloatArray, ordinary_arithmetic
 from pl_mc.engine.checks import LARGEST_SEED, require_bounded, require_geometry_and_alert
 from pl_mc.faults import require_satellite
@@ -30,7 +30,7 @@ from pl_mc.integrity_risk.worst.ls_exact import (
     alarm_probability,
     event_probability,
     law_with,
-    ls_epoch,
+    ls_epochs,
     peaks,
     require_event,
     upper_bound,
@@ -65,6 +65,7 @@ def worst_case(
     event: Literal["missed", "misleading"] = "missed",
     p_fa: float = 1e-3,
     alert: str | AlertLimits = LPV_200,
+    axis: str | None = None,
     target_cov: float = 0.1,
     max_evaluations: int = 10_000_000,
     refine: int = 3,
@@ -73,18 +74,18 @@ def worst_case(
 ) -> pd.DataFrame:
     """The fault of each satellite (or pair) that makes a missed or misleading event likeliest, the worst first.
 
-    For a method with an exact law, such as least squares, all numbers are exact. The noise has the sigma of the
-    geometry. A fault and its negative are equally bad; the one with a positive bias on the first satellite is
+    For a method with an exact law, such as least squares, all vertical numbers are exact. The noise has the sigma of
+    the geometry. A fault and its negative are equally bad; the one with a positive bias on the first satellite is
     given.
 
-    For other methods the noise is Gaussian too. One satellite at a time: populations of subset simulation at 18
-    sizes from 1 to 150 m on every satellite find the event, and importance sampling from what all of them found
-    gives, from one sample, the curve of its probability over all sizes on a satellite, whether it is 1e-2 or
-    1e-20. Sizes that a sample cannot tell are sampled again. About the best size of the ``refine`` worst
-    satellites a finer curve follows, and there a last estimate by `pl_mc.risk` with ``target_cov`` and noise of
-    its own, so that choosing the largest does not bias it. Nothing bounds what was passed over: parts of the
-    event that no population met, narrow peaks between the sizes, sizes beyond 150 m. All satellites take about
-    two minutes of one core; a list in ``satellites`` shortens it, but fewer populations find less.
+    For other methods, and for all of them on another axis, the noise is Gaussian too. One satellite at a time:
+    populations of subset simulation at 18 sizes from 1 to 150 m on every satellite find the event, and importance
+    sampling from what all of them found gives, from one sample, the curve of its probability over all sizes on a
+    satellite, whether it is 1e-2 or 1e-20. Sizes that a sample cannot tell are sampled again. About the best size of
+    the ``refine`` worst satellites a finer curve follows, and there a last estimate by `pl_mc.risk` with ``target_cov``
+    and noise of its own, so that choosing the largest does not bias it. Nothing bounds what was passed over: parts of
+    the event that no population met, narrow peaks between the sizes, sizes beyond 150 m. All satellites take about two
+    minutes of one core; a list in ``satellites`` shortens it, but fewer populations find less.
 
     Pairs of such a method are screened first: 42 faults of each pair (seven sizes, both relative signs, three
     ratios, and the direction that is worst for least squares) by the limit state of 1024 draws, the same for all;
@@ -101,7 +102,9 @@ def worst_case(
         event: ``missed``, |vertical error| > VAL and no alarm, or ``misleading``, |vertical error| > VPL and no
             alarm.
         p_fa: fault-free alarm probability of ``chi2``.
-        alert: alert limits; the vertical one, VAL, is used.
+        alert: alert limits.
+        axis: which of them decide, ``vertical``, ``horizontal`` (the length of the horizontal error, HPL and HAL) or
+            ``either``; the vertical one unless given, the horizontal one where there is no other.
         target_cov, max_evaluations, seed: of the last estimates: coefficient of variation, largest number of
             evaluations for each fault, seed; not used by least squares.
         refine: how many of the worst satellites or pairs per epoch are refined; not used by least squares.
@@ -111,29 +114,30 @@ def worst_case(
             sizes with a coefficient of variation of 0.5, three rounds around the best one, and a last estimate.
 
     Returns:
-        One row per epoch and satellite or pair, within an epoch the largest probability first: ``epoch, method,
-        satellites`` (``G03`` or ``G03,E08``), ``fault`` (label), ``bias_m`` [m] (missing for pairs), for pairs
-        ``bias_1_m, bias_2_m`` [m], ``probability, standard_error, low, high`` (95 %), and for comparison the
-        largest probability on the usual grid of 5, 10, ..., 100 m (for pairs both sizes on the grid, with either
-        relative sign): ``grid_bias_m`` (or ``grid_bias_1_m, grid_bias_2_m``) and ``grid_probability``. For least
-        squares also ``vertical_m``, mean vertical error under the fault [m], ``noncentrality`` of V'PV, and
-        ``alarm_rate``. For other methods also ``refined`` and ``warning``; the grid is what the search has of it,
-        at the search's accuracy, and so are the numbers of satellites that are not refined. Of single satellites
-        also ``subset_probability, subset_standard_error``, what the second estimator of `pl_mc.risk` found. A
-        bias is infinite where no residual shows the fault, and missing where the probability is zero: at an epoch
-        without redundancy, which always alarms, or below about 1e-290. Of screened pairs there is no grid;
-        ``stage`` says how far each came (``screened, shortlisted, refined``), ``rough`` is what the screening
-        makes of its probability, without an error, and only a refined pair has a ``probability``. The interval of
-        the others is that of the event's count among the draws of the screening, for their worst fault there.
+        One row per epoch and satellite or pair, within an epoch the largest probability first: ``epoch, method`` (and
+        ``axis`` where one was given or the horizontal limit decides), ``satellites`` (``G03`` or ``G03,E08``),
+        ``fault`` (label), ``bias_m`` [m] (missing for pairs), for pairs ``bias_1_m, bias_2_m`` [m], ``probability,
+        standard_error, low, high`` (95 %), and for comparison the largest probability on the usual grid of 5, 10, ...,
+        100 m (for pairs both sizes on the grid, with either relative sign): ``grid_bias_m`` (or ``grid_bias_1_m,
+        grid_bias_2_m``) and ``grid_probability``. For least squares also ``vertical_m``, mean vertical error under the
+        fault [m], ``noncentrality`` of V'PV, and ``alarm_rate``. For other methods also ``refined`` and ``warning``;
+        the grid is what the search has of it, at the search's accuracy, and so are the numbers of satellites that are
+        not refined. Of single satellites also ``subset_probability, subset_standard_error``, what the second estimator
+        of `pl_mc.risk` found. A bias is infinite where no residual shows the fault, and missing where the probability
+        is zero: at an epoch without redundancy, which always alarms, or below about 1e-290. Of screened pairs there is
+        no grid; ``stage`` says how far each came (``screened, shortlisted, refined``), ``rough`` is what the screening
+        makes of its probability, without an error, and only a refined pair has a ``probability``. The interval of the
+        others is that of the event's count among the draws of the screening, for their worst fault there.
         ``table.attrs["evaluations"]`` is the number of scenarios at each stage, summed over the epochs.
 
     Raises:
         InputError: unknown names, options outside their range, ``chi2`` for a method without an exact law.
     """
-    alert = require_geometry_and_alert(g, alert)
+    alert = require_geometry_and_alert(g, alert, any_axis=True)
+    judged = as_axis(axis, alert)
     require_event(event)
     (chosen,) = as_methods([method], g)
-    law = law_with(alarm, chosen, estimated=estimator is not None)
+    law = law_with(alarm, chosen, estimated=estimator is not None, axis=judged)
     refine = require_whole(refine, field="refine", low=1)
     seed = require_whole(seed, field="seed", low=0, high=LARGEST_SEED)
     require_within(target_cov, field="target_cov", low=1e-3, high=1.0)
@@ -145,32 +149,34 @@ def worst_case(
     spent: dict[str, int] = {}
     for one in g.as_series():
         groups = satellite_groups(one, satellites, g.names)
-        epoch = ls_epoch(one, law or LeastSquaresLaw(), alarm=alarm, p_fa=p_fa, alert=alert)
+        epochs = ls_epochs(one, law or LeastSquaresLaw(), judged, alarm=alarm, p_fa=p_fa, alert=alert)
+        epoch = epochs[0]
         if law:
             table = _exact_table(one, epoch, event, groups)
         else:
             estimate: Estimator = no_events
             if epoch.available:
                 estimate = estimator or rare_event_estimator(
-                    one, chosen, event, alert, target_cov=target_cov, max_evaluations=max_evaluations
+                    one, chosen, event, alert, judged, target_cov=target_cov, max_evaluations=max_evaluations
                 )
             search = Search(estimate, target_cov, refine, seed)
             if estimator is not None or not epoch.available:
                 table = estimated_table(one, groups, search)
             elif any(len(group) > 1 for group in groups):
-                screen = Screen.of(one, chosen, event, alert, np.random.default_rng((seed, int(one.epoch))))
-                guesses = exact_worst(epoch, event, groups).bias_m
-                table = screened_table(one, groups, guesses, screen, search)
+                screen = Screen.of(one, chosen, event, alert, np.random.default_rng((seed, int(one.epoch))), judged)
+                table = screened_table(one, groups, _guesses(epochs, event, groups), screen, search)
             else:
-                region = Region.of(one, chosen, event, alert)
+                region = Region.of(one, chosen, event, alert, judged)
                 table = single_table(one, [group[0] for group in groups], region, search)
         table.insert(0, "epoch", int(one.epoch))
         table.insert(1, "method", chosen.name)
+        if axis is not None or judged != VERTICAL:
+            table.insert(2, "axis", judged)
         for stage, number in table.attrs.pop("evaluations", {}).items():
             spent[stage] = spent.get(stage, 0) + number
         parts.append(table.sort_values("probability", ascending=False, kind="stable"))
     whole = pd.concat([part for part in parts if len(part)] or parts[:1], ignore_index=True)
-    whole.attrs["unjudged"] = unjudged_note(alert)
+    whole.attrs["unjudged"] = unjudged_note(alert, (judged,))
     if spent:
         whole.attrs["evaluations"] = spent
     return whole
@@ -254,6 +260,13 @@ def exact_worst(epoch: LsEpoch, event: str, kinds: Sequence[tuple[int, ...]] | S
         shift=np.where(zero, np.nan, shift),
         probability=probability,
     )
+
+
+def _guesses(epochs: Sequence[LsEpoch], event: str, groups: Sequence[tuple[int, ...]]) -> FloatArray:
+    """(groups, n), the worst fault of each group for least squares, of the component that it makes likeliest [m]."""
+    found = [exact_worst(epoch, event, groups) for epoch in epochs]
+    best = np.argmax([one.probability for one in found], axis=0)
+    return np.array([found[k].bias_m[j] for j, k in enumerate(best)]).reshape(len(groups), -1)
 
 
 def _exact_table(g: Geometry, epoch: LsEpoch, event: str, groups: Sequence[tuple[int, ...]]) -> pd.DataFrame:

@@ -128,9 +128,10 @@
       const gap = 0.02 * (reach[1] - reach[0]);
       const px = (x) => box.left + (x - reach[0] + gap) / (reach[1] - reach[0] + 2 * gap) * (box.right - box.left);
 
-      let bottom = 0, top = quantity.rate ? 0 : data.limit * 1.05;
+      let bottom = 0, top = quantity.limit ? quantity.limit.m * 1.05 : 0;
       for (const row of visible) top = Math.max(top, row.high ?? row.y, row.y);
       if (quantity.rate) top = top > .5 ? 1 : top * 1.08 || 1;
+      else top = top || 1;
       let py, marks, label;
       if (state.log) {
         const positive = visible.flatMap((r) => [r.y, r.y > 0 ? r.low : r.high]).filter((v) => v !== null && v > FLOOR);
@@ -156,9 +157,10 @@
       make(svg, "line", {class: "axis", x1: box.left, x2: box.right, y1: box.bottom, y2: box.bottom});
       make(svg, "text", {x: (box.left + box.right) / 2, y: height - 6, "text-anchor": "middle"}, data.x);
       make(svg, "text", {x: 4, y: 14}, quantity.label);
-      if (!quantity.rate) {
-        make(svg, "line", {class: "limit", x1: box.left, x2: box.right, y1: py(data.limit), y2: py(data.limit)});
-        make(svg, "text", {x: box.right, y: py(data.limit) - 4, "text-anchor": "end"}, `VAL ${digits(data.limit)} m`);
+      if (quantity.limit) {
+        const y = py(quantity.limit.m), words = `${quantity.limit.name} ${digits(quantity.limit.m)} m`;
+        make(svg, "line", {class: "limit", x1: box.left, x2: box.right, y1: y, y2: y});
+        make(svg, "text", {x: box.right, y: y - 4, "text-anchor": "end"}, words);
       }
       data.curves.forEach((name, k) => {
         if (!state.shown[k]) return;

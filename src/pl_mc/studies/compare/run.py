@@ -14,6 +14,7 @@ from typing import Annotated, Literal
 import pandas as pd
 from pydantic import Field
 
+from pl_mc.alert import EITHER, AlertLimits, as_alert
 from pl_mc.engine import Execution
 from pl_mc.input_errors import InputError
 from pl_mc.methods import METHODS, Method, as_methods, method
@@ -76,6 +77,14 @@ class CompareExperiment(Experiment):
     faults: RampFaults
     equal: EqualTests | None = None
     day: DayChoice | None = None
+
+    def alert_limits(self) -> AlertLimits:
+        """The alert limits: the vertical one decides on events, both on availability."""
+        return as_alert(self.given_limits(), horizontal_too=True)
+
+    def judged_axes(self) -> tuple[str, ...]:
+        """Both levels have to be within their limits."""
+        return (EITHER,)
 
     def places(self) -> tuple[Place, ...]:
         """The experiment's own geometry, and the further ones if they are asked for."""

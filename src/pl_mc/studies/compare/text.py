@@ -9,11 +9,11 @@ from typing import Any
 import numpy as np
 import pandas as pd
 
-from pl_mc.alert import AlertLimits
+from pl_mc.alert import VERTICAL, AlertLimits, Judged
 from pl_mc.geometry import Geometry
 from pl_mc.report.document import Block, Bullets, Heading, Summary, TextTable
 from pl_mc.report.figures import method_label
-from pl_mc.report.text import EVENT_MEANS, event_text, grouped, listed, metres, percent, rate_text, span
+from pl_mc.report.text import ANSWERED, event_text, grouped, listed, metres, percent, rate_text, span
 from pl_mc.statistics.intervals import clopper_pearson
 from pl_mc.statistics.least_squares import ls_quantities
 from pl_mc.studies.compare.tables import Comparison, EqualTables, orders, same_curves, short_name, worst
@@ -71,7 +71,8 @@ def summary(counted: Comparison, g: Geometry, experiment: Experiment) -> Summary
 def answer(tables: Mapping[str, pd.DataFrame], experiment: Experiment) -> tuple[str, ...]:
     """Least squares and IGG-III, the worst of the others, and how many have no event at any bias."""
     sentences = []
-    for event, means in EVENT_MEANS.items():
+    judged = Judged(experiment.alert_limits(), VERTICAL)
+    for event in ANSWERED:
         most = worst(tables["rates"], event).set_index("method")
         rate = most[f"{event}_rate"]
         known = [name for name in ("ls", "igg3") if name in most.index]
@@ -81,8 +82,7 @@ def answer(tables: Mapping[str, pd.DataFrame], experiment: Experiment) -> tuple[
             name = str(others.idxmax())
             parts.append(f"the most of the others {method_label(name)}, {event_text(most.loc[name], event)}")
         parts.append(f"none with {int((rate == 0).sum())} of {len(most)} methods")
-        what = means.format(val=experiment.alert_limits().vertical_m)
-        sentences.append(f"{what}, at each one's worst bias: {'; '.join(parts)}.")
+        sentences.append(f"{judged.means(event)}, at each one's worst bias: {'; '.join(parts)}.")
     return tuple(sentences)
 
 

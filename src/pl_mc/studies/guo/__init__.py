@@ -4,7 +4,7 @@ from pl_mc.studies.guo.run import GuoExperiment, answer, run, work
 from pl_mc.studies.study import Study
 
 STUDY = Study(
-    model=GuoExperiment, run=run, answer=answer, work=work, judged=(),
+    model=GuoExperiment, run=run, answer=answer, work=work,
     question="How often does each test detect a bias on the least detectable satellite, at its nominal threshold "
     "and at equal false-alarm rates?",
 )  # fmt: skip

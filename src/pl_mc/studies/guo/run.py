@@ -100,6 +100,10 @@ class GuoExperiment(Experiment):
     curves: PowerCurves
     remarks: tuple[str, ...] = ()
 
+    def judged_axes(self) -> tuple[str, ...]:
+        """None: tests alone decide."""
+        return ()
+
     def test_records(self) -> tuple[Detector, ...]:
         """The tests, made records."""
         return as_detectors([choice.build() for choice in self.tests])

@@ -27,7 +27,7 @@ from pl_mc.noise_models import GAUSSIAN, NoiseModel
 from pl_mc.report.document import Chart, Heading, Quantity, Summary, TextTable
 from pl_mc.report.figures import method_label
 from pl_mc.report.findings import Findings, Table, event_quantities
-from pl_mc.report.text import EVENT_MEANS, event_text, method_key, metres, percent, rate_text
+from pl_mc.report.text import ANSWERED, event_text, method_key, metres, percent, rate_text
 from pl_mc.runtime.progress import with_progress
 from pl_mc.runtime.threads import cores, in_order
 from pl_mc.statistics.exact import ls_rates
@@ -305,9 +305,9 @@ def summary(experiment: NoiseExperiment, g: Geometry, tables: Mapping[str, pd.Da
 
 def answer(tables: Mapping[str, pd.DataFrame], experiment: NoiseExperiment) -> tuple[str, ...]:
     """Each event under Gaussian noise and under the model that makes it most frequent."""
-    rates, val_m = tables["rates"], experiment.alert_limits().vertical_m
+    rates, (judged,) = tables["rates"], experiment.judged()
     sentences = []
-    for event, means in EVENT_MEANS.items():
+    for event in ANSWERED:
         clauses = []
         for name, group in rates.groupby("method", sort=False):
             parts = []
@@ -319,7 +319,7 @@ def answer(tables: Mapping[str, pd.DataFrame], experiment: NoiseExperiment) -> t
                 under = GAUSSIAN.name if row.noise == GAUSSIAN.name else model
                 parts.append(f"{event_text(row, event)}{f' at {row.fault}' if seen else ''} with {under}")
             clauses.append(f"{method_label(str(name))} {', '.join(parts)}")
-        sentences.append(f"{means.format(val=val_m)}, at the worst fault: {'; '.join(clauses)}.")
+        sentences.append(f"{judged.means(event)}, at the worst fault: {'; '.join(clauses)}.")
     return tuple(sentences)
 
 

@@ -7,7 +7,7 @@ STUDY = Study(
     model=ObserveExperiment,
     question="How large are the receiver's position errors, do the protection levels hold them, and when is there "
     "an alarm?",
-    run=run, answer=answer, work=work, checks=checks,
+    run=run, answer=answer, work=work, checks=checks, with_faults=lambda content, texts: {"faults": texts},
     outline={
         "kind": "observe", "title": "Position errors and protection levels",
         "observations": "OBSERVATIONS.rnx.gz", "navigation": "NAVIGATION.rnx.gz", "truth": "X,Y,Z",

@@ -2,10 +2,12 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping, Sequence
+import functools
+import operator
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from functools import partial
 from pathlib import Path
-from typing import Literal
+from typing import ClassVar, Literal
 
 import numpy as np
 import pandas as pd
@@ -13,11 +15,13 @@ from matplotlib.axes import Axes
 from matplotlib.dates import AutoDateLocator, ConciseDateFormatter
 from matplotlib.figure import Figure
 
-from pl_mc.alert import AlertLimits
+from pl_mc.alert import VERTICAL, Judged
 from pl_mc.engine import Execution, solve
+from pl_mc.engine.drawn_biases import numbers_of_draw
+from pl_mc.faults import Faults, biases, no_fault
 from pl_mc.geometry import Geometry
 from pl_mc.geometry.gps_time import gps_dates
-from pl_mc.injection import Injection, inject, parse_injection
+from pl_mc.injection import inject
 from pl_mc.input_errors import InputError
 from pl_mc.receiver import read_receiver_series, read_truth
 from pl_mc.report.accuracy import DIRECTIONS, ERRORS, accuracy_m
@@ -25,7 +29,7 @@ from pl_mc.report.document import Summary, TextTable
 from pl_mc.report.figures import legend_below, limit_line, method_label, new_figure, series_style, shade
 from pl_mc.report.findings import Findings, Table, picture
 from pl_mc.report.text import metres, share_of, share_text
-from pl_mc.studies.spec import Experiment, ReceiverFiles
+from pl_mc.studies.spec import ByAxes, FaultText, ReceiverFiles
 from pl_mc.studies.study import Check, Work, refuse
 
 # Lines of so few epochs have points; further apart than so many steps epochs are missing; levels up to so many times
@@ -38,14 +42,17 @@ _LINEAR_UP_TO = 4.0
 _SECONDS_A_DAY = 1.2
 
 
-class ObserveExperiment(Experiment, ReceiverFiles):
+class ObserveExperiment(ByAxes, ReceiverFiles):
     """Receiver files and a true position or track; see `pl_mc.receiver.read_receiver_series`.
 
-    ``faults`` holds texts such as ``G02:+30m:545-645``: satellite, bias, first and last epoch, counted from 0.
+    ``faults`` holds texts such as ``G02:+30m:545-645``, see `pl_mc.biases`; all of them are added to the errors, those
+    that are drawn as the seed has them, anew at each epoch.
     """
 
+    most_axes: ClassVar[int] = 1
+
     kind: Literal["observe"] = "observe"
-    faults: tuple[str, ...] = ()
+    faults: tuple[FaultText, ...] = ()
 
     def input_files(self) -> Mapping[str, Path]:
         """The RINEX files, and the track where the truth is one."""
@@ -54,22 +61,28 @@ class ObserveExperiment(Experiment, ReceiverFiles):
 
 def run(experiment: ObserveExperiment, execution: Execution) -> Findings:
     """Every epoch by every method, and the errors over the epochs."""
-    injections = [parse_injection(text) for text in experiment.faults]
     series = read_receiver_series(
         experiment.observations, experiment.navigation, read_truth(experiment.truth), systems=experiment.systems,
-        mask_deg=experiment.mask_deg, error_model=experiment.model(), ionosphere=experiment.ionosphere,
+        signals=experiment.signals, mask_deg=experiment.mask_deg, error_model=experiment.model(),
+        ionosphere=experiment.ionosphere,
     )  # fmt: skip
     g = series.geometry
     _require_solution(experiment, g, series.notes)
-    errors_m, faulted, notes = inject(g, series.errors_m, injections)
-    alert = experiment.alert_limits()
-    table = solve(g, errors_m, methods=experiment.method_records(), alert=alert, precision=experiment.precision)
+    injected = sum((biases(g, text) for text in experiment.faults), no_fault(g))
+    errors_m, faulted, notes = inject(g, series.errors_m, injected, numbers_of_draw(g, seed=experiment.seed))
+    (judged,) = experiment.judged()
+    table = solve(
+        g, errors_m, methods=experiment.method_records(), alert=judged.alert, axis=judged.axis,
+        precision=experiment.precision,
+    )  # fmt: skip
+    if judged.axis != VERTICAL or experiment.asked_axes() is not None:
+        table.insert(table.columns.get_loc("method") + 1, "axis", judged.axis)
     table["faulted"] = table.epoch.map(pd.Series(faulted, index=g.epoch))
     table.insert(1, "time", gps_dates(table.pop("time_gps_s")))
     return Findings(
-        summary=summary(experiment, table, injections, g.clocks),
+        summary=summary(experiment, table, injected, series.signals),
         tables=(Table("epochs", table, stored="both"),),
-        pictures=(error_figure(table, alert=alert, title=experiment.title),),
+        pictures=(error_figure(table, judged=judged, title=experiment.title),),
         notes=(*series.notes, *notes),
     )
 
@@ -100,79 +113,108 @@ def _require_solution(experiment: ObserveExperiment, g: Geometry, notes: Sequenc
     )
 
 
-def summary(
-    experiment: ObserveExperiment, table: pd.DataFrame, injections: Sequence[Injection], systems: Sequence[str]
-) -> Summary:
+def summary(experiment: ObserveExperiment, table: pd.DataFrame, faults: Faults, signals: Sequence[str]) -> Summary:
     """The blocks of the summary; ``table`` is that of the epochs."""
-    alert, first = experiment.alert_limits(), table.drop_duplicates("epoch")
+    (judged,), first = experiment.judged(), table.drop_duplicates("epoch")
     count = first.satellites
     accuracy = []
     for method, group in table.groupby("method", sort=False):
         largest = group.loc[group.available, ERRORS].abs().max()
         for direction, lengths, most in zip(DIRECTIONS, accuracy_m(table, str(method)), largest, strict=True):
             accuracy.append([method, direction, *map(metres, (*lengths, most))])
-    injected = f" Injected: {'; '.join(map(str, injections))}." if injections else ""
+    injected = f" Injected: {'; '.join(faults.labels[1:])}." if len(faults) > 1 else ""
     return (
-        f"{len(first)} epochs from {first.time.iloc[0]} to {first.time.iloc[-1]} (GPS time), systems "
-        f"{', '.join(systems)}, mask {experiment.mask_deg:g} deg, error model "
+        f"{len(first)} epochs from {first.time.iloc[0]} to {first.time.iloc[-1]} (GPS time), "
+        f"{', '.join(signals)}, ionosphere {experiment.ionosphere}, mask {experiment.mask_deg:g} deg, error model "
         f"{experiment.error_model}, {count.min()}-{count.max()} satellites (mean {count.mean():.1f}). Alert "
-        f"limit: {alert.name}, VAL {metres(alert.val_m)} m.{injected}",
+        f"limit: {judged.alert.name}, {judged.limits(metres)}.{injected}",
         "Position errors over all available epochs [m]:",
         TextTable.of(["method", "direction", "95 %", "RMS", "largest"], accuracy),
         "Alarms and errors beyond the protection level, epochs and rates:",
-        _alarms(table, alert.val_m),
+        _alarms(table, judged),
         "Intervals are 95 % Clopper-Pearson bounds; they take epochs as independent, but the errors of a real "
         "receiver are correlated over minutes, so the true uncertainty is larger.",
-        "; ".join(f"{name}: {method_label(name)}" for name in table.method.unique()) + ".",
+        "; ".join(f"{name}: {method_label(name, judged.axis)}" for name in table.method.unique()) + ".",
     )
 
 
 def answer(tables: Mapping[str, pd.DataFrame], experiment: ObserveExperiment) -> tuple[str, ...]:
     """Errors, alarms, errors beyond the level."""
-    table = tables["epochs"]
-    errors, alarms, outside = [], [], []
+    table, (judged,) = tables["epochs"], experiment.judged()
+    alarms, outside = [], []
+    errors: dict[str, list[str]] = {one.error: [] for one in judged.called}
     for name, group in table.groupby("method", sort=False):
-        label, known = method_label(str(name)), group[group.available]
-        quantile, rms = accuracy_m(table, str(name))[DIRECTIONS.index("U")]
+        label, known = method_label(str(name), judged.axis), group[group.available]
         epochs = f"{len(known):,} of {len(group):,} epochs"
-        errors.append(f"{label} {metres(rms)} m rms, {metres(quantile)} m 95 % in {epochs}")
+        for said, size_m in zip(errors.values(), _sizes_m(known, judged), strict=True):
+            rms, quantile = (np.sqrt((size_m**2).mean()), size_m.quantile(0.95)) if len(size_m) else (np.nan, np.nan)
+            said.append(f"{label} {metres(rms)} m rms, {metres(quantile)} m 95 % in {epochs}")
         alarms.append(f"{label} in {share_of(int(group.alarm.sum()), len(group))}")
-        unnoticed = (known.up_m.abs() > known.vpl_m) & ~known.alarm
+        unnoticed = _beyond_level(known, judged) & ~known.alarm
         outside.append(f"{label} in {share_of(int(unnoticed.sum()), len(known))}")
+    beyond = " or ".join(errors)
     return (
-        f"Vertical errors: {'; '.join(errors)}.",
+        *(f"{error.capitalize()}s: {'; '.join(said)}." for error, said in errors.items()),
         f"Alarms: {'; '.join(alarms)} epochs.",
-        f"Vertical error beyond the protection level without alarm: {'; '.join(outside)} epochs; epochs of a real "
-        "receiver are correlated, so the true uncertainty is larger than these bounds.",
+        f"{beyond.capitalize()} beyond the protection level without alarm: {'; '.join(outside)} epochs; epochs of a "
+        "real receiver are correlated, so the true uncertainty is larger than these bounds.",
     )
 
 
-def _alarms(table: pd.DataFrame, val_m: float) -> TextTable:
+def _sizes_m(table: pd.DataFrame, judged: Judged) -> list[pd.Series]:
+    """Sizes of the errors that are judged, one by one [m]."""
+    size_m = {"vpl": table.up_m.abs(), "hpl": np.hypot(table.east_m, table.north_m)}
+    return [size_m[pl] for pl, _, _ in judged.levels]
+
+
+def _beyond_level(table: pd.DataFrame, judged: Judged) -> pd.Series:
+    """Whether an error is beyond its level; of what is not available it is not."""
+    levels = [table[f"{pl}_m"] for pl, _, _ in judged.levels]
+    return _any(size_m > level for size_m, level in zip(_sizes_m(table, judged), levels, strict=True))
+
+
+def _beyond_limit(table: pd.DataFrame, judged: Judged) -> pd.Series:
+    limits = [limit for _, _, limit in judged.levels]
+    return _any(size_m > limit for size_m, limit in zip(_sizes_m(table, judged), limits, strict=True))
+
+
+def _any(flags: Iterable[pd.Series]) -> pd.Series:
+    return functools.reduce(operator.or_, flags)
+
+
+def _alarms(table: pd.DataFrame, judged: Judged) -> TextTable:
     rows = []
     for method, group in table.groupby("method", sort=False):
         for faulted, part in group.groupby("faulted"):
-            beyond = part.available & (part.up_m.abs() > part.vpl_m)
-            events = (part.alarm, beyond, beyond & ~part.alarm, part.up_m.abs() > val_m)
+            beyond = _beyond_level(part, judged)
+            events = (part.alarm, beyond, beyond & ~part.alarm, _beyond_limit(part, judged))
             label = "with injected fault" if faulted else "as observed"
             cells = [method, label, len(part), (~part.available).sum(), *map(share_text, events)]
             rows.append([*cells, metres(part.vpl_m.median()), metres(part.hpl_m.median())])
+    letters = [name[0].replace("V", "U") for _, name, _ in judged.levels]
+    level, limit = (
+        " or ".join(f"{letter} beyond {words}" for letter, words in zip(letters, names, strict=True))
+        for names in ([one.level for one in judged.called], [one.limit for one in judged.called])
+    )
     header = [
-        "method", "epochs", "number", "unavailable", "alarm", "U beyond VPL", "U beyond VPL, no alarm",
-        "U beyond VAL", "median VPL [m]", "median HPL [m]",
+        "method", "epochs", "number", "unavailable", "alarm", level, f"{level}, no alarm", limit, "median VPL [m]",
+        "median HPL [m]",
     ]  # fmt: skip
     return TextTable.of(header, rows)
 
 
 @picture("epochs", "Position errors and protection levels over time.")
-def error_figure(table: pd.DataFrame, *, alert: AlertLimits, title: str) -> Figure:
-    """East, north and up errors and VPL against time, method by method, faulted epochs shaded.
+def error_figure(table: pd.DataFrame, *, judged: Judged, title: str) -> Figure:
+    """East, north and up errors and levels against time, method by method, faulted epochs shaded.
 
-    ``table`` has ``epoch, time, method, east_m, north_m, up_m, vpl_m, faulted``. Levels are drawn in full; where some
-    are far beyond the limit, on a logarithmic axis.
+    ``table`` has ``epoch, time, method, east_m, north_m, up_m, vpl_m, hpl_m, faulted``. Levels are drawn in
+    full; where some are far beyond the limit, on a logarithmic axis.
     """
-    figure, axes = new_figure(4, 1, width_in=8.0, height_in=9.0, title=title, sharex=True)
+    panels = 3 + len(judged.levels)
+    figure, axes = new_figure(panels, 1, width_in=8.0, height_in=2.25 * panels, title=title, sharex=True)
     windows, step = faulted_windows(table), _longest_step(table)
-    labels = {"east_m": "east error", "north_m": "north error", "up_m": "up error", "vpl_m": "VPL"}
+    labels = {"east_m": "east error", "north_m": "north error", "up_m": "up error"}
+    labels |= {f"{pl}_m": name for pl, name, _ in judged.levels}
     for panel, (column, label) in zip(axes, labels.items(), strict=True):
         shade(panel, windows, "faulted epochs")
         for k, (method, group) in enumerate(table.groupby("method", sort=False)):
@@ -183,35 +225,37 @@ def error_figure(table: pd.DataFrame, *, alert: AlertLimits, title: str) -> Figu
             for j, (_, part) in enumerate(group.groupby(parts)):
                 panel.plot(
                     part.time, part[column], linestyle=line, color=series_style(k).colour, linewidth=width,
-                    alpha=alpha, label=method_label(str(method)) if j == 0 else None,
+                    alpha=alpha, label=method_label(str(method), judged.axis) if j == 0 else None,
                     marker="." if len(part) < _FEW_EPOCHS else None,
                 )  # fmt: skip
         panel.set_ylabel(f"{label} [m]")
         panel.margins(x=0.01)
-    _levels(axes[3], table.vpl_m[np.isfinite(table.vpl_m)], alert.val_m)
+    for panel, (pl, _, limit_m), one in zip(axes[3:], judged.levels, judged.called, strict=True):
+        level_m = table[f"{pl}_m"]
+        _levels(panel, level_m[np.isfinite(level_m)], limit_m, one.limit)
     dates = AutoDateLocator()
-    axes[3].xaxis.set_major_locator(dates)
+    axes[-1].xaxis.set_major_locator(dates)
     form = ConciseDateFormatter(dates, show_offset=False)
     form.formats[5] = "%H:%M:%S"
     if table.time.iloc[-1] - table.time.iloc[0] <= pd.Timedelta(days=1):
         form.zero_formats[3] = "%H:%M"
-    axes[3].xaxis.set_major_formatter(form)
+    axes[-1].xaxis.set_major_formatter(form)
     first, last = (f"{time:%Y-%m-%d}" for time in (table.time.iloc[0], table.time.iloc[-1]))
-    axes[3].set_xlabel(f"GPS time, {first if first == last else f'{first} to {last}'}")
+    axes[-1].set_xlabel(f"GPS time, {first if first == last else f'{first} to {last}'}")
     legend_below(figure, axes[:1], columns=4)
     return figure
 
 
-def _levels(panel: Axes, vpl_m: pd.Series, val_m: float) -> None:
+def _levels(panel: Axes, level_m: pd.Series, limit_m: float, name: str) -> None:
     """The limit, and an axis on which every level is."""
-    largest_m = max(float(vpl_m.max()) if len(vpl_m) else 0.0, val_m)
-    if largest_m > _LINEAR_UP_TO * val_m:
+    largest_m = max(float(level_m.max()) if len(level_m) else 0.0, limit_m)
+    if largest_m > _LINEAR_UP_TO * limit_m:
         panel.set_yscale("log")
         panel.yaxis.set_major_formatter("{x:g}")
         panel.set_ylim(top=1.3 * largest_m)
     else:
         panel.set_ylim(0.0, 1.12 * largest_m)
-    limit_line(panel, val_m, f"VAL {val_m:g} m")
+    limit_line(panel, limit_m, f"{name} {limit_m:g} m")
 
 
 def _longest_step(table: pd.DataFrame) -> pd.Timedelta:

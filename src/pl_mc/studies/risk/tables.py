@@ -231,19 +231,15 @@ def calibration_table(setting: Setting, choice: CalibrationChoice) -> tuple[pd.D
 def _faults_of(setting: Setting, choice: CalibrationChoice, method: Method) -> list[tuple[str, Faults, bool]]:
     """Faults by what was asked for, and whether targets that cannot be counted are estimated under them."""
     listed, _ = ListedFaults(biases=choice.faults).build(setting.g)
-    faults = [(label, _one(listed, k), k < choice.rare_faults) for k, label in enumerate(listed.labels)]
+    faults = [(label, listed.only(k), k < choice.rare_faults) for k, label in enumerate(listed.labels)]
     if sizes := choice.worst_sizes_m:
         single = _each_size(setting.g, setting.g.names, sizes)
         worst = neediest_fault(
             setting.g, single, method=method, event=choice.event, alert=setting.alert, target=min(choice.targets),
             seed=setting.seed,
         )  # fmt: skip
-        faults.append((f"worst of {min(sizes):g} to {max(sizes):g} m", _one(single, worst), True))
+        faults.append((f"worst of {min(sizes):g} to {max(sizes):g} m", single.only(worst), True))
     return faults
-
-
-def _one(faults: Faults, k: int) -> Faults:
-    return Faults(faults.bias_m[[k]], faults.names, (faults.labels[k],))
 
 
 def _exact_curve(setting: Setting, method: Ls, fault: Faults, event: str, last: float) -> pd.DataFrame:

@@ -5,6 +5,7 @@ from pl_mc.studies.study import Study
 
 STUDY = Study(
     model=SeriesExperiment, run=run, answer=answer, work=work,
+    with_faults=lambda content, texts: {"faults": {"biases": texts}},
     question="With faults in windows of a series, what do the plain and the robust method make of errors, "
     "protection levels and alarms?",
 )  # fmt: skip

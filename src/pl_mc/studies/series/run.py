@@ -23,8 +23,14 @@ from pl_mc.report.figures import short_label
 from pl_mc.report.files import to_markdown
 from pl_mc.report.findings import Findings, Picture, Table
 from pl_mc.report.text import by_method, counted_rate, metres, percent, share_of, share_text
-from pl_mc.studies.series.figures import flight_figure, levels_figure, position_errors_figure, satellites_figure
-from pl_mc.studies.series.window_faults import DrawnFaults, WindowFaults
+from pl_mc.studies.series.figures import (
+    Windows,
+    flight_figure,
+    levels_figure,
+    position_errors_figure,
+    satellites_figure,
+)
+from pl_mc.studies.series.window_faults import AnyWindowFaults, DrawnFaults
 from pl_mc.studies.series.zhao2021 import ACCURACY_COLUMNS, PAPER, oddities, paper_table
 from pl_mc.studies.sources import AnySource, ReceiverSource, Series, expected_epochs
 from pl_mc.studies.spec import Experiment, MethodChoice
@@ -61,7 +67,7 @@ class SeriesExperiment(Experiment):
 
     Attributes:
         source: a site, a flight or a receiver's files.
-        faults: the windows and what is drawn in them.
+        faults: the windows and what is drawn in them; or ``biases``, faults as texts that are all added.
         compare: the paper's experiment that the results stand beside, with its table and figure numbers.
         redraws: further draws of satellites, sizes and (if simulated) noise, for the range of the table's values.
         remarks: sentences about the choices of the file, for the notes.
@@ -69,7 +75,7 @@ class SeriesExperiment(Experiment):
 
     kind: Literal["series"] = "series"
     source: AnySource
-    faults: WindowFaults
+    faults: AnyWindowFaults
     compare: Literal["static", "dynamic"]
     redraws: int = Field(default=20, ge=0, lt=LANES)
     remarks: tuple[str, ...] = ()
@@ -109,8 +115,8 @@ def run(experiment: SeriesExperiment, execution: Execution) -> Findings:
             Table("redraws", redraws),
             Table(f"table{paper.table}", compared),
         ),
-        pictures=_pictures(experiment, table, series.tables.get("flight")),
-        notes=(*series.notes, *experiment.remarks),
+        pictures=_pictures(experiment, table, faults.windows, series.tables.get("flight")),
+        notes=(*series.notes, *faults.notes, *experiment.remarks),
         texts={f"table{paper.table}.md": comparison(experiment, compared, redraws, remarks)},
     )
 
@@ -156,11 +162,13 @@ def solved(experiment: SeriesExperiment, series: Series, redraw: int) -> tuple[p
     return table, faults
 
 
-def _pictures(experiment: SeriesExperiment, table: pd.DataFrame, flight: pd.DataFrame | None) -> tuple[Picture, ...]:
+def _pictures(
+    experiment: SeriesExperiment, table: pd.DataFrame, windows: Windows, flight: pd.DataFrame | None
+) -> tuple[Picture, ...]:
     """The figures under the paper's numbers."""
     satellites, before, after, levels = PAPER[experiment.compare].figures
     plain, robust = table.method.unique()
-    common: dict[str, Any] = {"windows": experiment.faults.windows, "title": experiment.title}
+    common: dict[str, Any] = {"windows": windows, "title": experiment.title}
     errors = "East, north and up errors of {} over the epochs."
     drawn = (
         (f"fig{satellites}_satellites", satellites_figure(table, **common), "Satellites in view over the epochs."),
@@ -222,7 +230,7 @@ def summary(
     """
     alert, source = experiment.alert_limits(), experiment.source.describe()
     number, count = PAPER[experiment.compare].table, table.drop_duplicates("epoch").satellites
-    windows = zip(experiment.faults.windows, faults.chosen, strict=True)
+    windows = zip(faults.windows, faults.chosen, strict=True)
     chosen = "; ".join(f"{first}-{last}: {' and '.join(names)}" for (first, last), names in windows)
     independent = (
         "they take epochs as independent, but a receiver's errors are correlated over minutes"

@@ -11,13 +11,16 @@ import jax.numpy as jnp
 import numpy as np
 import pandas as pd
 from numpy.typing import NDArray
-from pydantic import Field, ValidationInfo, field_validator
+from pydantic import Discriminator, Field, Tag, ValidationInfo, field_validator
 
+from pl_mc.engine.drawn_biases import numbers_of_draw
 from pl_mc.engine.noise import epoch_key
+from pl_mc.faults import fault_label
 from pl_mc.geometry import Geometry
+from pl_mc.injection import inject
 from pl_mc.input_errors import InputError
 from pl_mc.runtime.precision import precision_scope
-from pl_mc.studies.spec import Strict
+from pl_mc.studies.spec import ListedFaults, Strict, fields_of
 
 # Faults draw from the stream of an epoch number that no series reaches, so that they share nothing with the noise.
 FAULT_STREAM = 2**32 - 1
@@ -34,12 +37,16 @@ class DrawnFaults:
         faulted: (e,), whether an epoch lies in a window.
         listed: one row per faulted epoch and satellite: ``epoch, satellite, bias_m``.
         chosen: the satellites of each window.
+        windows: first and last epoch of each.
+        notes: sentences about satellites that are out of view in part of their window.
     """
 
     bias_m: NDArray[np.float64]
     faulted: NDArray[np.bool_]
     listed: pd.DataFrame
     chosen: tuple[tuple[str, ...], ...]
+    windows: tuple[tuple[int, int], ...]
+    notes: tuple[str, ...] = ()
 
 
 class WindowFaults(Strict):
@@ -118,7 +125,7 @@ class WindowFaults(Strict):
             faulted[places] = True
             chosen.append(tuple(g.names[k] for k in picked))
         listed = pd.concat(parts).sort_values("epoch", kind="stable").reset_index(drop=True)
-        return DrawnFaults(bias_m=bias_m, faulted=faulted, listed=listed, chosen=tuple(chosen))
+        return DrawnFaults(bias_m=bias_m, faulted=faulted, listed=listed, chosen=tuple(chosen), windows=self.windows)
 
     def describe(self) -> str:
         """The choices in words."""
@@ -129,6 +136,34 @@ class WindowFaults(Strict):
             f"{self.satellites} random satellites (of those in view throughout the window) in epochs {windows}, "
             f"sizes uniform from {self.lowest_m:g} to {self.highest_m:g} m, {sizes}, {sign}"
         )
+
+
+class GivenFaults(ListedFaults):
+    """Faults as texts or tables, all of them added to the one series; what is drawn of them anew at each epoch."""
+
+    def draw(self, g: Geometry, *, seed: int, redraw: int = 0) -> DrawnFaults:
+        """The faults with the sizes of one draw; the other arguments are those of `WindowFaults.draw`."""
+        numbers = numbers_of_draw(g, seed=seed, draw=redraw)
+        bias_m, faulted, notes = inject(g, np.zeros(g.sigma_m.shape), self.build(g)[0], numbers)
+        if not faulted.any():
+            raise InputError("faults.biases: a series needs an epoch with a fault, such as G02:+30m:100-199.")
+        place, row = np.nonzero(bias_m)
+        names = np.array(g.names)[g.satellite[place, row]]
+        listed = pd.DataFrame({"epoch": g.epoch[place], "satellite": names, "bias_m": bias_m[place, row]})
+        ends = np.flatnonzero(np.diff(np.concatenate([[False], faulted, [False]]).astype(int))).reshape(-1, 2)
+        windows = tuple((int(g.epoch[first]), int(g.epoch[stop - 1])) for first, stop in ends)
+        chosen = (tuple(pd.unique(listed.satellite[listed.epoch.between(*window)])) for window in windows)
+        return DrawnFaults(bias_m, faulted, listed, chosen=tuple(chosen), windows=windows, notes=notes)
+
+    def describe(self) -> str:
+        """The faults in words."""
+        return "; ".join(one if isinstance(one, str) else fault_label(one) for one in self.biases)
+
+
+AnyWindowFaults = Annotated[
+    Annotated[WindowFaults, Tag("Windows")] | Annotated[GivenFaults, Tag("Listed")],
+    Discriminator(lambda given: "Listed" if "biases" in fields_of(given) else "Windows"),
+]
 
 
 def in_view_throughout(g: Geometry, places: NDArray[np.int64]) -> NDArray[np.int64]:

@@ -12,7 +12,7 @@ from matplotlib.figure import Figure
 from numpy.typing import NDArray
 from pydantic import Field
 
-from pl_mc.alert import OPERATIONS, AlertLimits, as_limits
+from pl_mc.alert import EITHER, OPERATIONS, AlertLimits, as_limits
 from pl_mc.engine import Execution
 from pl_mc.error_models import ErrorModel, error_model
 from pl_mc.geometry import Geometry, simulate
@@ -94,6 +94,10 @@ class ServiceExperiment(Experiment):
     def alert_limits(self) -> AlertLimits:
         """Those of the maps, of which both decide."""
         return as_limits(self.given_limits())
+
+    def judged_axes(self) -> tuple[str, ...]:
+        """Both levels have to be within their limits."""
+        return (EITHER,)
 
     def task(self) -> ServiceTask:
         """The service volume, checked."""

@@ -14,5 +14,9 @@ QUESTIONS = {
 }
 
 STUDY = Study(
-    model=SweepExperiment, question=lambda experiment: QUESTIONS[experiment.view], run=run, answer=answer, sweeps=sweeps
-)
+    model=SweepExperiment, question=lambda experiment: QUESTIONS[experiment.view], run=run, answer=answer,
+    sweeps=sweeps,
+    with_faults=lambda content, texts: {
+        "view": "faults", "draws_per_satellite": None, "faults": {"biases": texts}
+    },
+)  # fmt: skip

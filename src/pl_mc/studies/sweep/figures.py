@@ -1,11 +1,12 @@
 """Figures of a sweep: levels and rates against the bias or fault by fault, satellites in rows, maps over time.
 
-All take the alert limits, whose vertical one they name, and a title.
+All take the axis that decides, with its limits, and a title.
 """
 
 from __future__ import annotations
 
 from collections.abc import Iterator
+from typing import Any
 
 import numpy as np
 import pandas as pd
@@ -13,7 +14,7 @@ from matplotlib.axes import Axes
 from matplotlib.colors import LogNorm, Normalize
 from matplotlib.figure import Figure
 
-from pl_mc.alert import AlertLimits
+from pl_mc.alert import EITHER, Judged
 from pl_mc.report.figures import (
     SeriesStyle,
     bar_lengths,
@@ -25,56 +26,74 @@ from pl_mc.report.figures import (
     series_style,
 )
 
-_MISLEADING = "P(|vertical error| > VPL, no alarm)"
-_MEANING = {"alarm": "P(alarm)", "missed": "P(|vertical error| > VAL, no alarm)", "misleading": _MISLEADING}
+
+def _probability(event: str, judged: Judged) -> str:
+    """``P(|vertical error| > VPL, no alarm)``."""
+    if event == "alarm":
+        return "P(alarm)"
+    if judged.axis == EITHER:
+        return f"P(an error > its {'limit' if event == 'missed' else 'level'}, no alarm)"
+    return f"P({judged.beyond_limit if event == 'missed' else judged.beyond_level}, no alarm)"
+
+
+def _level_words(judged: Judged) -> str:
+    return "protection level" if judged.axis == EITHER else f"{judged.axis} protection level"
 
 
 @in_common_look
 def ramp_figure(
-    rates: pd.DataFrame, levels: pd.DataFrame, exact: pd.DataFrame, *, alert: AlertLimits, title: str
+    rates: pd.DataFrame, levels: pd.DataFrame, exact: pd.DataFrame, *, judged: Judged, title: str
 ) -> Figure:
-    """Vertical protection levels, alarm rates and rates of misleading information against a bias.
+    """Protection levels, alarm rates and rates of misleading information against a bias.
 
     Args:
         rates: a sweep's table for one epoch, or summed over epochs, with one row per method and bias.
-        levels: quantiles of the levels by method and bias: ``method, bias_m, vpl_05_m, vpl_50_m, vpl_95_m``.
-        exact: rates of least squares in closed form, on a finer grid: ``bias_m, alarm_rate, misleading_rate``.
+        levels: quantiles of the levels by method and bias: ``method, bias_m, vpl_05_m, vpl_50_m, vpl_95_m``, and
+            of ``hpl`` likewise.
+        exact: rates of least squares in closed form, on a finer grid: ``bias_m, alarm_rate, misleading_rate``; none
+            where there is no closed form.
     """
     figure, (top, middle, bottom) = new_figure(3, 1, width_in=7.2, height_in=9.0, title=title, sharex=True)
-    for label, style, group in _by_method(levels):
-        top.fill_between(group.bias_m, group.vpl_05_m, group.vpl_95_m, color=style.colour, alpha=0.2, linewidth=0)
-        top.plot(
-            group.bias_m, group.vpl_50_m, style.line, marker=style.marker, markersize=4, color=style.colour,
-            label=f"{label}, median and 5-95 %",
-        )  # fmt: skip
-    limit_line(top, alert.val_m, f"VAL {alert.val_m:g} m")
-    top.set(ylabel="vertical protection level [m]", ylim=(0, None))
+    for label, style, group in _by_method(levels, judged):
+        for k, (pl, name, _) in enumerate(judged.levels):
+            low, middle_m, high = (group[f"{pl}_{part}_m"] for part in ("05", "50", "95"))
+            top.fill_between(group.bias_m, low, high, color=style.colour, alpha=0.2, linewidth=0)
+            top.plot(
+                group.bias_m, middle_m, style.line if k == 0 else ":", marker=style.marker, markersize=4,
+                color=style.colour, markerfacecolor="none" if k else None,
+                label=f"{label}{_of(judged, name)}, median and 5-95 %",
+            )  # fmt: skip
+    _limit_lines(top, judged)
+    top.set(ylabel=f"{_level_words(judged)} [m]", ylim=(0, None))
     top.set_title("Protection level")
     top.legend(loc="upper left")
 
     for axes, event, curve in (
         (middle, "alarm", exact), (bottom, "misleading", exact[exact.misleading_rate > 1e-12]),
     ):  # fmt: skip
-        for label, style, group in _by_method(rates):
+        for label, style, group in _by_method(rates, judged):
             _rate_points(axes, group, event, style, label)
         rate = curve[f"{event}_rate"]
-        axes.plot(curve.bias_m, rate, color="0.25", linewidth=0.9, label="least squares, exact")
-    middle.set(ylabel=f"P(alarm), VAL {alert.vertical_m:g} m", ylim=(-0.03, 1.05))
+        if len(curve):
+            axes.plot(curve.bias_m, rate, color="0.25", linewidth=0.9, label="least squares, exact")
+    middle.set(ylabel=f"P(alarm), {judged.limits()}", ylim=(-0.03, 1.05))
     middle.set_title("Alarms, with 95 % intervals")
     middle.legend(loc="center right")
-    bottom.axhline(1e-7, color="0.15", linewidth=1.0, linestyle=":")
-    note(
-        bottom, "1e-7, what K_V = 5.33 stands for", (0.995, 1e-7), shift=(0, 2),
-        xycoords=("axes fraction", "data"), ha="right", va="bottom", fontsize=8.5, color="0.15",
-    )  # fmt: skip
-    bottom.set(yscale="log", ylabel=_MISLEADING, xlabel="bias [m]", ylim=(1e-9, 2.0))
+    for one in judged.called:
+        bottom.axhline(one.promise, color="0.15", linewidth=1.0, linestyle=":")
+        note(
+            bottom, f"{one.promised}, what {one.multiplier} stands for", (0.995, one.promise), shift=(0, 2),
+            xycoords=("axes fraction", "data"), ha="right", va="bottom", fontsize=8.5, color="0.15",
+        )  # fmt: skip
+    bottom.set(yscale="log", ylabel=_probability("misleading", judged), xlabel="bias [m]")
+    bottom.set_ylim(0.01 * min(one.promise for one in judged.called), 2.0)
     bottom.set_title("Misleading information (arrow: 95 % upper bound where nothing was seen)")
     bottom.legend(loc="lower right", ncols=2)
     return figure
 
 
 @in_common_look
-def rates_by_fault_figure(rates: pd.DataFrame, *, alert: AlertLimits, title: str) -> Figure:
+def rates_by_fault_figure(rates: pd.DataFrame, *, judged: Judged, title: str) -> Figure:
     """Alarm rates and rates of misleading information fault by fault, for faults that are no ramp.
 
     Args:
@@ -84,7 +103,7 @@ def rates_by_fault_figure(rates: pd.DataFrame, *, alert: AlertLimits, title: str
     count = rates.method.nunique()
     height_in = 1.6 + 0.32 * len(place) * count
     figure, (left, right) = new_figure(1, 2, width_in=9.0, height_in=height_in, title=title, sharey=True)
-    for k, (label, style, group) in enumerate(_by_method(rates)):
+    for k, (label, style, group) in enumerate(_by_method(rates, judged)):
         y = group.fault.map(place) + 0.6 * ((k + 0.5) / count - 0.5)
         for axes, event in ((left, "alarm"), (right, "misleading")):
             axes.hlines(y, group[f"{event}_low"], group[f"{event}_high"], color=style.colour, linewidth=1.5)
@@ -92,9 +111,9 @@ def rates_by_fault_figure(rates: pd.DataFrame, *, alert: AlertLimits, title: str
                 group[f"{event}_rate"], y, linestyle="none", marker=style.marker, markersize=5, color=style.colour,
                 label=label,
             )  # fmt: skip
-    left.set(yticks=range(len(place)), yticklabels=place, xlabel=f"P(alarm), VAL {alert.vertical_m:g} m")
+    left.set(yticks=range(len(place)), yticklabels=place, xlabel=f"P(alarm), {judged.limits()}")
     left.invert_yaxis()
-    right.set(xlabel=_MISLEADING)
+    right.set(xlabel=_probability("misleading", judged))
     left.set_title("Alarms, with 95 % intervals")
     right.set_title("Misleading information")
     right.legend(loc="best")
@@ -102,27 +121,28 @@ def rates_by_fault_figure(rates: pd.DataFrame, *, alert: AlertLimits, title: str
 
 
 @in_common_look
-def realisation_figure(outcomes: pd.DataFrame, *, alert: AlertLimits, title: str) -> Figure:
-    """VPL of every method against the bias for one noise draw, as figure 6 of Zhao et al. 2021 shows it.
+def realisation_figure(outcomes: pd.DataFrame, *, judged: Judged, title: str) -> Figure:
+    """The level of every method against the bias for one noise draw, as figure 6 of Zhao et al. 2021 shows it.
 
     Args:
-        outcomes: one draw's rows of `pl_mc.sample`: ``method, bias_m, vpl_m``.
+        outcomes: one draw's rows of `pl_mc.sample`: ``method, bias_m, vpl_m, hpl_m``.
     """
     figure, (axes,) = new_figure(1, 1, width_in=7.2, height_in=4.2)
-    for label, style, group in _by_method(outcomes):
-        axes.plot(
-            group.bias_m, group.vpl_m, style.line, marker=style.marker, markersize=4.5, color=style.colour,
-            label=label,
-        )  # fmt: skip
-    limit_line(axes, alert.val_m, f"VAL {alert.val_m:g} m")
-    axes.set(xlabel="bias [m]", ylabel="vertical protection level [m]", ylim=(0, None))
+    for label, style, group in _by_method(outcomes, judged):
+        for k, (pl, name, _) in enumerate(judged.levels):
+            axes.plot(
+                group.bias_m, group[f"{pl}_m"], style.line if k == 0 else ":", marker=style.marker, markersize=4.5,
+                color=style.colour, label=f"{label}{_of(judged, name)}",
+            )  # fmt: skip
+    _limit_lines(axes, judged)
+    axes.set(xlabel="bias [m]", ylabel=f"{_level_words(judged)} [m]", ylim=(0, None))
     axes.set_title(f"{title}; one noise draw")
     axes.legend(loc="upper left")
     return figure
 
 
 @in_common_look
-def satellite_figure(rates: pd.DataFrame, satellites: pd.DataFrame, *, alert: AlertLimits, title: str) -> Figure:
+def satellite_figure(rates: pd.DataFrame, satellites: pd.DataFrame, *, judged: Judged, title: str) -> Figure:
     """Alarm rate and rate of misleading information by satellite and bias, one column of panels per method.
 
     Args:
@@ -140,8 +160,8 @@ def satellite_figure(rates: pd.DataFrame, satellites: pd.DataFrame, *, alert: Al
     floor = 0.5 / rates.draws.max()
     for row, (event, heading, norm) in enumerate(
         (
-            ("alarm", f"P(alarm), VAL {alert.vertical_m:g} m", Normalize(0.0, 1.0)),
-            ("misleading", _MISLEADING, LogNorm(floor, 1.0)),
+            ("alarm", f"P(alarm), {judged.limits()}", Normalize(0.0, 1.0)),
+            ("misleading", _probability("misleading", judged), LogNorm(floor, 1.0)),
         )
     ):
         panels = axes[row * len(methods) : (row + 1) * len(methods)]
@@ -152,7 +172,7 @@ def satellite_figure(rates: pd.DataFrame, satellites: pd.DataFrame, *, alert: Al
             image = panel.pcolormesh(grid.columns, np.arange(len(labels)), seen, norm=norm, cmap="viridis")
             panel.grid(visible=False)
             panel.set_facecolor("0.93")
-            panel.set_title(f"{method_label(method)}: {event}")
+            panel.set_title(f"{method_label(method, judged.axis)}: {event}")
         panels[0].set_yticks(np.arange(len(labels)), labels, family="monospace", fontsize=7.5)
         figure.colorbar(image, ax=panels, label=heading, pad=0.01)
     for panel in panels:
@@ -161,7 +181,7 @@ def satellite_figure(rates: pd.DataFrame, satellites: pd.DataFrame, *, alert: Al
 
 
 @in_common_look
-def map_figure(rates: pd.DataFrame, *, event: str, alert: AlertLimits, title: str) -> Figure:
+def map_figure(rates: pd.DataFrame, *, event: str, judged: Judged, title: str) -> Figure:
     """The rate of one event by epoch and faulted satellite, averaged over the ramp; one panel per method.
 
     Args:
@@ -173,7 +193,8 @@ def map_figure(rates: pd.DataFrame, *, event: str, alert: AlertLimits, title: st
     places = np.arange(len(satellites))
     height_in = 1.0 + (1.0 + 0.115 * len(satellites)) * len(methods)
     figure, axes = new_figure(len(methods), 1, width_in=9.0, height_in=height_in, sharex=True)
-    figure.suptitle(f"{title}: {_MEANING[event]}, mean over the biases; VAL {alert.vertical_m:g} m", x=0.01, ha="left")
+    meaning = _probability(event, judged)
+    figure.suptitle(f"{title}: {meaning}, mean over the biases; {judged.limits()}", x=0.01, ha="left")
     column = f"{event}_rate"
     floor = 0.5 / rates.draws.max()
     norm = Normalize(0.0, 1.0) if event == "alarm" else LogNorm(floor, max(float(rates[column].max()), 10 * floor))
@@ -194,17 +215,30 @@ def map_figure(rates: pd.DataFrame, *, event: str, alert: AlertLimits, title: st
         panel.set_yticks(places, satellites, fontsize=6)
         panel.invert_yaxis()
         bound = f"none seen, below {part[f'{event}_high'].max():.2g} in each cell (95 % bound)"
-        panel.set_title(method_label(method) + ("" if np.nanmax(values) > 0 else f": {bound}"))
+        panel.set_title(method_label(method, judged.axis) + ("" if np.nanmax(values) > 0 else f": {bound}"))
     axes[-1].set_xlabel("epoch" + ("" if event == "alarm" else "; grey: in view, none seen"))
     if rates[column].max() > 0:
-        figure.colorbar(image, ax=axes, label=_MEANING[event], pad=0.01)
+        figure.colorbar(image, ax=axes, label=meaning, pad=0.01)
     return figure
 
 
-def _by_method(table: pd.DataFrame) -> Iterator[tuple[str, SeriesStyle, pd.DataFrame]]:
+def _of(judged: Judged, level: str) -> str:
+    """Which level a curve is of, where both are drawn."""
+    return f", {level}" if judged.axis == EITHER else ""
+
+
+def _limit_lines(axes: Axes, judged: Judged) -> None:
+    lowest_m = min(limit_m for _, _, limit_m in judged.levels)
+    for (_, _, limit_m), words in zip(judged.levels, judged.limits().split(", "), strict=True):
+        # The name of the lower of two stands below its line.
+        below: dict[str, Any] = {"va": "top", "shift": (0, -2)} if judged.axis == EITHER and limit_m == lowest_m else {}
+        limit_line(axes, limit_m, words, **below)
+
+
+def _by_method(table: pd.DataFrame, judged: Judged) -> Iterator[tuple[str, SeriesStyle, pd.DataFrame]]:
     """Label, style and rows of each method, in order."""
     for k, (name, group) in enumerate(table.groupby("method", sort=False)):
-        yield method_label(str(name)), series_style(k), group
+        yield method_label(str(name), judged.axis), series_style(k), group
 
 
 def _rate_points(axes: Axes, group: pd.DataFrame, event: str, style: SeriesStyle, label: str) -> None:

@@ -7,15 +7,7 @@ from typing import Any, Literal, NoReturn
 from pydantic import Field, TypeAdapter, ValidationError, ValidationInfo, field_validator
 from pydantic_core import InitErrorDetails, PydanticCustomError
 
-from pl_mc.studies.spec import (
-    AnyFaults,
-    Experiment,
-    ListedFaults,
-    NoiseChoice,
-    RampFaults,
-    RampSizes,
-    SimulatedGeometry,
-)
+from pl_mc.studies.spec import AnyFaults, ByAxes, ListedFaults, NoiseChoice, RampFaults, RampSizes, SimulatedGeometry
 
 _FORMS: dict[str, TypeAdapter[Any]] = {
     "faults": TypeAdapter(AnyFaults),
@@ -27,7 +19,7 @@ _MISPLACED = {"faults": (), "satellites": ("biases",), "map": ("biases", "satell
 _GAUSSIAN = NoiseChoice(name="gaussian")
 
 
-class SweepExperiment(Experiment):
+class SweepExperiment(ByAxes):
     """A sweep; see `pl_mc.sweep` for what is counted, `pl_mc.noise_models` for the noise.
 
     Attributes:

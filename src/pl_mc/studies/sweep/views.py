@@ -3,10 +3,13 @@
 from __future__ import annotations
 
 from collections.abc import Iterable
+from typing import Any, Literal
 
 import numpy as np
 import pandas as pd
+from matplotlib.figure import Figure
 
+from pl_mc.alert import EITHER, HORIZONTAL, VERTICAL, Judged
 from pl_mc.engine import Execution, sample
 from pl_mc.engine.table import COUNT_COLUMNS, sum_over_faults, with_rates
 from pl_mc.faults import Faults, no_fault, ramps
@@ -20,12 +23,11 @@ from pl_mc.studies.planned_sweep import PlannedSweep
 from pl_mc.studies.spec import RampSizes
 from pl_mc.studies.sweep import figures
 from pl_mc.studies.sweep.record import SweepExperiment
-from pl_mc.studies.sweep.text import EVENTS, faults_summary, map_summary, satellites_summary
+from pl_mc.studies.sweep.text import EVENTS, faults_summary, map_summary, of_axis, satellites_summary
 
 # Draws whose protection levels are kept one by one, for medians and quantiles.
 LEVEL_DRAWS = 2000
 
-_RATES = Chart("Rates of events against the bias", ("method",), event_quantities())
 _LEVELS = Chart("VPL and HPL against the bias", ("method",), level_quantities())
 _RAMP_CAPTION = "Protection levels and rates of events against the bias, or fault by fault."
 
@@ -52,7 +54,8 @@ def planned(experiment: SweepExperiment) -> tuple[tuple[PlannedSweep, ...], tupl
     if experiment.draws_per_satellite is None:
         return (PlannedSweep("sweep", g, faults, draws, experiment.noise.build()),), notes
     return (
-        PlannedSweep("ramp", g, no_fault(g) + faults, draws),
+        # A ramp from zero has the fault-free case already.
+        PlannedSweep("ramp", g, faults if no_fault(g).labels[0] in faults.labels else no_fault(g) + faults, draws),
         PlannedSweep("satellites", g, _on_every_satellite(experiment, g), experiment.draws_per_satellite),
     ), notes
 
@@ -63,25 +66,33 @@ def by_fault(experiment: SweepExperiment, execution: Execution) -> Findings:
     Rates of a series are sums over its epochs; the counts of every epoch are kept as the rows ``epochs``.
     """
     (sweep,), notes = planned(experiment)
-    g, faults, alert, title = sweep.g, sweep.faults, experiment.alert_limits(), experiment.title
+    g, faults, judged, title = sweep.g, sweep.faults, experiment.judged(), experiment.title
     rates = sweep.run(experiment, execution)
-    exact = ls_rates(g, faults, alert=alert)
+    # No closed form stands beside what is drawn.
+    exact = exact_rates(experiment, g, faults.only(*np.flatnonzero(~faults.drawn)))
     # Faults of the same bias on different satellites have no place on one curve.
-    on_curves = not rates[rates.bias_m.notna()].duplicated(["method", "bias_m"]).any()
-    tables = [Table("rates", rates, chart=_RATES if on_curves else None), Table("exact", exact)]
+    of_size = rates[rates.bias_m.notna()]
+    on_curves = len(of_size) > 0 and not of_size.duplicated([*keys_of(rates), "bias_m"]).any()
+    tables = [Table("rates", rates, chart=_rates_chart(rates) if on_curves else None)]
+    tables += [Table("exact", exact)] if len(exact) else []
+    drawn: dict[Judged, dict[str, Any]] = {
+        one: {"rates": of_axis(rates, one), "judged": one, "title": title} for one in judged
+    }
     is_ramp = np.isfinite(faults.scalar_bias_m).all() and len(np.unique(faults.scalar_bias_m)) == len(faults) > 1
     # Levels one by one and the exact curve are those of Gaussian noise.
     if is_ramp and not g.is_series and sweep.noise == GAUSSIAN:
         levels = level_table(_outcomes(experiment, g, faults))
         tables.append(Table("levels", levels, chart=_LEVELS))
-        curve = ls_rates(g, _finer(faults, g), alert=alert)
-        figure = figures.ramp_figure(rates, levels, curve, alert=alert, title=title)
+        curve = exact_rates(experiment, g, _finer(faults, g))
+        made = {
+            one: figures.ramp_figure(levels=levels, exact=of_axis(curve, one), **given) for one, given in drawn.items()
+        }
     else:
-        figure = figures.rates_by_fault_figure(rates, alert=alert, title=title)
+        made = {one: figures.rates_by_fault_figure(**given) for one, given in drawn.items()}
     return Findings(
         summary=faults_summary(experiment, g, rates, exact, sweep.noise),
         tables=tuple(tables),
-        pictures=(Picture("rates", figure, _RAMP_CAPTION),),
+        pictures=tuple(_picture("rates", figure, _RAMP_CAPTION, one, judged) for one, figure in made.items()),
         notes=(*notes, *rates.attrs["notes"]),
         rows={"epochs": sweep.stored(execution)} if g.is_series else {},
     )
@@ -94,37 +105,38 @@ def by_satellite(experiment: SweepExperiment, execution: Execution) -> Findings:
     here every bias gets many, and every satellite of the epoch gets its turn.
     """
     (of_one, of_every), notes = planned(experiment)
-    g, faults, alert, title = of_one.g, of_one.faults, experiment.alert_limits(), experiment.title
+    g, faults, judged, title = of_one.g, of_one.faults, experiment.judged(), experiment.title
     ramp = of_one.run(experiment, execution)
-    exact, curve = ls_rates(g, faults, alert=alert), ls_rates(g, _finer(faults, g), alert=alert)
+    exact, curve = exact_rates(experiment, g, faults), exact_rates(experiment, g, _finer(faults, g))
     outcomes = _outcomes(experiment, g, faults)
     levels, one_draw = level_table(outcomes), outcomes[outcomes.draw == 0]
     satellites = of_every.run(experiment, execution)
     satellites.insert(0, "satellite", _satellite(satellites))
-    described = _describe(g)
-    of_all = Chart(f"{_RATES.title} on any satellite", ("method",), event_quantities(), menus=("satellite",))
+    described = _describe(g, horizontally=any(one.axis != VERTICAL for one in judged))
+    pictures: list[Picture] = []
+    for one in judged:
+        shared: dict[str, Any] = {"judged": one, "title": title}
+        both = one.axis == EITHER
+        level = "Protection levels" if both else f"{one.axis.capitalize()} protection level"
+        made = [
+            (f"fig6_{'levels' if both else one.levels[0][0]}_against_bias",
+             figures.realisation_figure(one_draw, **shared), f"{level} of one draw of noise against the bias."),
+            ("ramp_rates", figures.ramp_figure(of_axis(ramp, one), levels, of_axis(curve, one), **shared),
+             _RAMP_CAPTION),
+            ("ramp_satellites", figures.satellite_figure(of_axis(satellites, one), described, **shared),
+             "The same ramp on every satellite in view."),
+        ]  # fmt: skip
+        pictures += [_picture(*drawn, one, judged) for drawn in made]
     return Findings(
         summary=satellites_summary(experiment, g, ramp, exact, satellites),
         tables=(
-            Table("ramp", ramp, chart=_RATES),
-            Table("ramp_satellites", satellites, chart=of_all),
+            Table("ramp", ramp, chart=_rates_chart(ramp)),
+            Table("ramp_satellites", satellites, chart=_rates_chart(satellites, " on any satellite", "satellite")),
             Table("levels", levels, chart=_LEVELS),
             Table("ramp_exact", exact),
             Table("satellites", described),
         ),
-        pictures=(
-            Picture(
-                "fig6_vpl_against_bias",
-                figures.realisation_figure(one_draw, alert=alert, title=title),
-                "Vertical protection level of one draw of noise against the bias.",
-            ),
-            Picture("ramp_rates", figures.ramp_figure(ramp, levels, curve, alert=alert, title=title), _RAMP_CAPTION),
-            Picture(
-                "ramp_satellites",
-                figures.satellite_figure(satellites, described, alert=alert, title=title),
-                "The same ramp on every satellite in view.",
-            ),
-        ),
+        pictures=tuple(pictures),
         notes=notes,
     )
 
@@ -134,31 +146,75 @@ def over_time(experiment: SweepExperiment, execution: Execution) -> Findings:
 
     The counts of every epoch and fault are kept as the rows ``epochs``.
     """
-    ((sweep,), notes), alert = planned(experiment), experiment.alert_limits()
+    ((sweep,), notes), judged = planned(experiment), experiment.judged()
     # A satellite that is out of view at some epochs, of which the table has a note, is no news on a map.
     rates = sweep.run(experiment, execution)
     by_place = rates_by_place(sweep.rows(execution))
     rates["satellite"] = _satellite(rates)
-    of_satellite = sum_over_faults(rates, ["satellite", "method"], independent=_draws_by(by_place, ["satellite"]))
-    of_bias = sum_over_faults(rates, ["bias_m", "method"], independent=_draws_by(by_place, []))
+    keys = keys_of(rates)
+    of_satellite = sum_over_faults(rates, ["satellite", *keys], independent=_draws_by(by_place, ["satellite"]))
+    of_bias = sum_over_faults(rates, ["bias_m", *keys], independent=_draws_by(by_place, []))
     return Findings(
         summary=map_summary(experiment, sweep.g, of_bias, of_satellite),
         tables=(
-            Table("by_bias", of_bias, chart=_RATES),
+            Table("by_bias", of_bias, chart=_rates_chart(of_bias)),
             Table("by_satellite", of_satellite),
             Table("by_epoch_satellite", by_place, stored="parquet"),
         ),
         pictures=tuple(
-            Picture(
+            _picture(
                 f"map_{event}",
-                figures.map_figure(by_place, event=event, alert=alert, title=experiment.title),
+                figures.map_figure(of_axis(by_place, one), event=event, judged=one, title=experiment.title),
                 f"Rate of the event {event} by epoch and faulted satellite, over all biases.",
+                one,
+                judged,
             )
+            for one in judged
             for event in EVENTS
         ),
         notes=notes,
         rows={"epochs": sweep.stored(execution)},
     )
+
+
+def keys_of(table: pd.DataFrame) -> list[str]:
+    """The columns that tell methods, and axes where they are named, apart."""
+    return ["method", "axis"] if "axis" in table else ["method"]
+
+
+def exact_rates(experiment: SweepExperiment, g: Geometry, faults: Faults) -> pd.DataFrame:
+    """Rates of least squares on each axis that has a closed form, with a column ``axis`` where a sweep has one."""
+    alert = experiment.alert_limits()
+    exact: dict[str, Literal["vertical", "horizontal"]] = {VERTICAL: "vertical", HORIZONTAL: "horizontal"}
+    parts = {
+        axis: ls_rates(g, faults, alert=alert, axis=exact[axis]) for axis in experiment.judged_axes() if axis in exact
+    }
+    if experiment.asked_axes() is None and VERTICAL in parts:
+        return parts[VERTICAL]
+    for axis, part in parts.items():
+        part.insert(1, "axis", axis)
+    # Nothing is known in closed form of both together; a table without rows says so.
+    return pd.concat(parts.values(), ignore_index=True) if parts else _no_rates(g, faults)
+
+
+def _no_rates(g: Geometry, faults: Faults) -> pd.DataFrame:
+    none = ls_rates(g, faults).iloc[:0]
+    none.insert(1, "axis", pd.Series(dtype=object))
+    return none
+
+
+def _rates_chart(rates: pd.DataFrame, of: str = "", *menus: str) -> Chart:
+    """Rates of events against the bias, with a menu of the axes where the table names any."""
+    axes = ("axis",) if "axis" in rates else ()
+    return Chart(f"Rates of events against the bias{of}", ("method",), event_quantities(), menus=(*axes, *menus))
+
+
+def _picture(name: str, figure: Figure, caption: str, one: Judged, judged: tuple[Judged, ...]) -> Picture:
+    """A figure of one axis; of several axes the first keeps the name, and all captions say which they are of."""
+    if len(judged) == 1:
+        return Picture(name, figure, caption)
+    further = "" if one == judged[0] else f"_{one.axis}"
+    return Picture(f"{name}{further}", figure, f"{caption.removesuffix('.')}; judged by {one.limits()}.")
 
 
 def level_table(outcomes: pd.DataFrame) -> pd.DataFrame:
@@ -177,10 +233,10 @@ def level_table(outcomes: pd.DataFrame) -> pd.DataFrame:
 
 def rates_by_place(parts: Iterable[pd.DataFrame]) -> pd.DataFrame:
     """One row per epoch, satellite and method, summed over biases, from the rows of a sweep part by part."""
-    keys = ["epoch", "satellite", "method"]
     sums = []
     for rows in parts:
-        rows = rows.assign(satellite=_satellite(rows), method=rows.method.astype(str))
+        keys = ["epoch", "satellite", *keys_of(rows)]
+        rows = rows.assign(satellite=_satellite(rows), **{key: rows[key].astype(str) for key in keys[2:]})
         # Rows of one epoch and part have the same draws; all biases of a satellite saw the same noise.
         first = rows.groupby(keys, sort=False)["draws"].first().rename("independent_draws")
         sums.append(rows.groupby(keys, sort=False)[COUNT_COLUMNS].sum().join(first))
@@ -189,9 +245,10 @@ def rates_by_place(parts: Iterable[pd.DataFrame]) -> pd.DataFrame:
 
 
 def _draws_by(by_place: pd.DataFrame, keys: list[str]) -> pd.Series:
-    """Independent draws by ``keys`` and method: those of every epoch, each counted once."""
-    once = by_place.drop_duplicates([*keys, "method", "epoch"])
-    return once.groupby([*keys, "method"], sort=False)["independent_draws"].sum()
+    """Independent draws by ``keys``, method and axis: those of every epoch, each counted once."""
+    keys = [*keys, *keys_of(by_place)]
+    once = by_place.drop_duplicates([*keys, "epoch"])
+    return once.groupby(keys, sort=False)["independent_draws"].sum()
 
 
 def _satellite(rates: pd.DataFrame) -> pd.Series:
@@ -214,11 +271,14 @@ def _outcomes(experiment: SweepExperiment, g: Geometry, faults: Faults) -> pd.Da
     return sample(
         g, faults, draws=min(experiment.draws, LEVEL_DRAWS), seed=experiment.seed,
         methods=experiment.method_records(), alert=experiment.alert_limits(), precision=experiment.precision,
+        axis=experiment.judged_axes()[0],
     )  # fmt: skip
 
 
-def _describe(g: Geometry) -> pd.DataFrame:
-    """Name, elevation, azimuth, sigma, redundancy number and vertical effect of each satellite of one epoch."""
+def _describe(g: Geometry, *, horizontally: bool) -> pd.DataFrame:
+    """Name, elevation, azimuth, sigma, redundancy number and effect of each satellite of one epoch."""
+    quantities = ls_quantities(g)
+    across = np.hypot(*quantities.horizontal_gain)
     return pd.DataFrame(
         {
             "satellite": g.names,
@@ -226,6 +286,7 @@ def _describe(g: Geometry) -> pd.DataFrame:
             "azimuth_deg": np.degrees(g.azimuth_rad),
             "sigma_m": g.sigma_m,
             "redundancy": redundancy_numbers(g),
-            "vertical_metres_per_metre": np.ravel(ls_quantities(g).gain),
+            "vertical_metres_per_metre": np.ravel(quantities.gain),
+            **({"horizontal_metres_per_metre": across} if horizontally else {}),
         }
     )

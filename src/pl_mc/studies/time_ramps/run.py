@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator, Mapping, Sequence
 from typing import Annotated, Any, Literal
 
 import numpy as np
@@ -12,7 +12,7 @@ from pydantic import Field
 
 from pl_mc.alert import AlertLimits
 from pl_mc.engine import Execution
-from pl_mc.faults import require_satellite
+from pl_mc.faults import NO_FAULT, parse_fault, require_satellite
 from pl_mc.geometry import Geometry, redundancy_numbers
 from pl_mc.input_errors import InputError
 from pl_mc.methods import Igg3
@@ -133,6 +133,22 @@ def checks(experiment: TimeRampsExperiment, g: Geometry | None) -> Iterator[Chec
         return
     yield "onset_s", lambda: require_onset(experiment.onset_s, experiment.geometry.interval_s, len(g))
     yield "satellite", lambda: require_satellite(g, experiment.satellite)
+
+
+def with_faults(content: Mapping[str, Any], texts: Sequence[str]) -> dict[str, Any]:
+    """The fields of a file whose ramps are these faults: in time, of one satellite, all from the same epoch on."""
+    first, *_ = ramps = [part for text in texts for part in parse_fault(text) or (None,)]
+    for ramp in ramps:
+        alike = ramp and first and (ramp.of, ramp.first_epoch) == (first.of, first.first_epoch)
+        if not (ramp and alike and ramp.per_second) or ramp.drawn or ramp.last_epoch is not None or len(ramp.of) > 1:
+            raise InputError(
+                f"--fault: {ramp or NO_FAULT}: time-ramps takes ramps of one satellite that begin together and go on "
+                "to the end, such as G15:+0.1m/s."
+            )
+    given = content.get("geometry")
+    interval_s = given.get("interval_s", 30.0) if isinstance(given, Mapping) else 30.0
+    begin = {} if first is None or first.first_epoch is None else {"onset_s": first.first_epoch * interval_s}
+    return {"satellite": first and first.of[0], "rates_m_per_s": [ramp.numbers[0] for ramp in ramps if ramp]} | begin
 
 
 def notes_on_igg3(experiment: TimeRampsExperiment, redundant: int) -> tuple[str, ...]:

@@ -11,4 +11,5 @@ STUDY = Study(
     run=run,
     answer=answer,
     work=work,
+    with_faults=lambda content, texts: {"faults": texts},
 )

@@ -6,7 +6,7 @@ from typing import Annotated, Literal
 
 from pydantic import Field
 
-from pl_mc.studies.spec import Experiment, SimulatedGeometry
+from pl_mc.studies.spec import Experiment, OneFault, SimulatedGeometry
 
 ObjectiveName = Literal["vpl", "alarms"]
 
@@ -19,8 +19,8 @@ class TuningExperiment(Experiment):
         targets: probabilities of the event per sample that are kept.
         objectives: what is made small, fault-free: the mean level (vpl) or the share of alarms (alarms).
         event: the event whose probability is kept, misleading or exceeded.
-        faults: faults under each of which the target is kept, tables of biases by satellite [m]; an empty one is
-            the fault-free case.
+        faults: faults under each of which the target is kept, tables of biases by satellite [m] or texts; an
+            empty one is the fault-free case.
         draws: fresh noise draws that judge; targets of which they have 20 events are counted.
         search_draws: weighted draws of the search, for each fault.
         steps: most steps of each descent.
@@ -36,7 +36,7 @@ class TuningExperiment(Experiment):
     targets: Annotated[tuple[Annotated[float, Field(gt=0, lt=1)], ...], Field(min_length=1)]
     objectives: Annotated[tuple[ObjectiveName, ...], Field(min_length=1)] = ("vpl", "alarms")
     event: Literal["misleading", "exceeded"] = "misleading"
-    faults: Annotated[tuple[dict[str, float], ...], Field(min_length=1)] = ({},)
+    faults: Annotated[tuple[OneFault, ...], Field(min_length=1)] = ({},)
     draws: int = Field(default=400_000, ge=1000)
     search_draws: int = Field(default=16_384, ge=1024)
     steps: int = Field(default=30, ge=1)

@@ -8,7 +8,7 @@ import pandas as pd
 
 from pl_mc.engine.events import EVENTS
 from pl_mc.report.document import Block, Bullets, Heading, Paragraph, TextTable
-from pl_mc.report.text import EVENT_MEANS, event_text
+from pl_mc.report.text import event_text
 from pl_mc.studies.variants.record import DEFAULT, VariantsExperiment
 
 NONE, DOUBLE = "none", "double"
@@ -55,7 +55,7 @@ def answer(tables: Mapping[str, pd.DataFrame], experiment: VariantsExperiment) -
             most, least = others[rate].idxmax(), others[rate].idxmin()
             parts.append(f"most of the others {most} with {_at(others.loc[most], event)}")
             parts.append(f"least {least} with {_at(others.loc[least], event)}")
-        means = EVENT_MEANS[event].format(val=experiment.alert_limits().vertical_m)
+        means = experiment.judged()[0].means(event)
         sentences.append(f"{means}, at the worst bias of any fault: {'; '.join(parts)}.")
     return tuple(sentences)
 
