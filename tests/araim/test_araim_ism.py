@@ -118,7 +118,10 @@ WHOLE = {"ism": OURS, "names": G.names, "noise_m2": NOISE_M2}
         (WHOLE | {"names": G.names[1:]}, "names: a name for each of the 10 rows is needed"),
         (WHOLE | {"names": [1] * 10}, "names: a name for each of the 10 rows is needed"),
         (WHOLE | {"noise_m2": -1.0}, "noise_m2: -1 m.2 for G01 cannot be used; a variance is not negative .nearest: 0"),
-        (WHOLE | {"noise_m2": None, "c_int": 1.0}, "c_int: 1 m.2 for G02 .* square of sigma_ura_m .nearest: 4"),
+        (
+            WHOLE | {"noise_m2": None, "c_int": 1.0},
+            "c_int: 1 m.2 for G02 .* square of sigma_ura_m, .* of the same ism .nearest: 4",
+        ),
         (WHOLE | {"noise_m2": None}, "c_int: it is needed where no ism with noise_m2 says it"),
         (WHOLE | {"ism": {"p_sat": 1e-5}, "noise_m2": 1.0}, "ism: sigma_ura_m: it is needed here"),
         (WHOLE | {"ism": Ism(sigma_ura_m=1, b_nom_m=1)}, "c_acc: it is needed where no ism with noise_m2 says it"),

@@ -142,7 +142,8 @@ def batch_of(rng: np.random.Generator, *, rows: int) -> Geometries:
 
 
 def permuted(batch: Geometries, order: np.ndarray) -> Geometries:
-    return Geometries(**{f.name: getattr(batch, f.name)[:, order] for f in dataclasses.fields(batch)})
+    given = {f.name: getattr(batch, f.name) for f in dataclasses.fields(batch)}
+    return Geometries(**{name: None if array is None else array[:, order] for name, array in given.items()})
 
 
 def test_levels_from_the_geometry_know_nothing_of_noise_padding_or_order(monkeypatch):

@@ -153,7 +153,11 @@ def _of_ism(
     variance = by_satellite(argument, value)
     for k in np.argwhere(said.seen & ~(variance >= least))[:1].tolist():
         name = said.names[tuple(k)] or said.letters[tuple(k)]
-        rule = "it holds the square of sigma_ura_m" if argument == "c_int" else "a variance is not negative"
+        rule = (
+            "it holds the square of sigma_ura_m, as with an error model of the same ism"
+            if argument == "c_int"
+            else "a variance is not negative"
+        )
         raise InputError(
             f"{argument}: {variance[tuple(k)]:g} m^2 for {name} cannot be used; {rule} (nearest: {least[tuple(k)]:g})."
         )

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
@@ -10,6 +12,9 @@ from pl_mc.faults import Faults, require_faults
 from pl_mc.geometry.record import Geometry, require_geometry
 from pl_mc.input_errors import InputError, require_numbers
 from pl_mc.kernels.noise import LANES
+from pl_mc.methods import Method
+from pl_mc.methods.capabilities import declared
+from pl_mc.statistics.least_squares import ls_quantities
 
 LARGEST_SEED = 2**32 - 1
 
@@ -64,6 +69,32 @@ def require_errors(g: Geometry, errors_m: ArrayLike) -> NDArray[np.float64]:
     if not np.isfinite(errors[g.in_view]).all():
         raise InputError("errors_m: the error of every satellite in view is a finite number of metres.")
     return np.atleast_2d(np.where(g.in_view, errors, 0.0))
+
+
+def solved_epochs(g: Geometry, method: Method) -> NDArray[np.bool_]:
+    """(e,), epochs at which a method can have a solution; without redundancy those alone whose levels need none."""
+    found = ls_quantities(g)
+    prior = declared(method, "levels_without_redundancy")
+    return np.atleast_1d(np.isfinite(found.vdop_m) if prior else found.available)
+
+
+def notes_on_redundancy(g: Geometry, methods: Sequence[Method]) -> tuple[str, ...]:
+    """Epochs at which levels stand although nothing can be tested, of methods whose levels need no redundancy."""
+    names = [method.name for method in methods if declared(method, "levels_without_redundancy")]
+    bare = int((g.satellite_count == g.unknown_count).sum())
+    if not (names and bare):
+        return ()
+    of_epochs = f"{bare} of {len(g)} epochs have" if g.is_series else "The epoch has"
+    return (f"{of_epochs} as many satellites as unknowns: levels of {', '.join(names)} stand there, without any test.",)
+
+
+def require_bounded(g: Geometry, method: Method) -> None:
+    """Raise `InputError` where no fault is the worst: a method has levels, and no residual shows any fault."""
+    if notes_on_redundancy(g, (method,)):
+        raise InputError(
+            "geometry: where there are as many satellites as unknowns a fault of any size goes unseen, and "
+            f"{method.name} has levels there, so that none is the worst (nearest: an epoch with a satellite more)."
+        )
 
 
 def notes_on_faults(g: Geometry, faults: Faults) -> tuple[str, ...]:

@@ -10,7 +10,7 @@ import pandas as pd
 
 from pl_mc.alert import LPV_200, AlertLimits, as_axes, unjudged_note
 from pl_mc.arrays import ordinary_arithmetic
-from pl_mc.engine.checks import LARGEST_DRAWS, LARGEST_SEED, notes_on_faults, require_inputs
+from pl_mc.engine.checks import LARGEST_DRAWS, LARGEST_SEED, notes_on_faults, notes_on_redundancy, require_inputs
 from pl_mc.engine.execution import Execution, run_task, sweep_engine
 from pl_mc.engine.table import EpochTotals, FaultTotals, epoch_table, fault_table
 from pl_mc.engine.task import SweepTask
@@ -123,7 +123,7 @@ def run_sweep(
     )
     single = by_epoch or not g.is_series
     totals: EpochTotals | FaultTotals = EpochTotals.of(task) if single else FaultTotals.of(task)
-    notes = list(notes_on_faults(g, faults))
+    notes = [*notes_on_faults(g, faults), *notes_on_redundancy(g, task.methods)]
     if execution.shard is not None:
         notes.append("Shard {} of {}: the counts of its share alone.".format(*execution.shard))
     for found in run_task(task, execution, partial(sweep_engine(execution), task)):

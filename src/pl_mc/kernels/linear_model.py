@@ -50,7 +50,8 @@ class LinearModel:
         apart_floor: (t,), the same where clocks are eliminated before coordinates.
         unknowns: number of unknowns, dropped ones not counted.
         dof: n - t, degrees of freedom of the residuals.
-        available: whether a solution with a posterior variance exists: N regular and n > t.
+        determined: whether there is a solution at all: N regular.
+        available: whether one with a posterior variance exists: N regular and n > t.
         one_clock_per_row: whether every row has one clock at most, so that clocks meet in N with coordinates alone;
             a promise of the caller, which allows a faster elimination.
         satellite: (n,), code of each row's satellite (`pl_mc.ism.codes_of`), for methods that tell satellites apart;
@@ -73,6 +74,7 @@ class LinearModel:
     apart_floor: Array
     unknowns: Array
     dof: Array
+    determined: Array
     available: Array
     one_clock_per_row: bool = field(default=False, metadata={"static": True})
     satellite: Array | None = None
@@ -130,6 +132,7 @@ def linear_model(
         apart_floor=pivot_floor(_clocks_first_pivots(packed, t)),
         unknowns=unknowns,
         dof=dof,
+        determined=factor.regular,
         available=factor.regular & (dof >= 1),
         one_clock_per_row=one_clock_per_row,
         satellite=satellite,

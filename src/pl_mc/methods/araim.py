@@ -61,7 +61,8 @@ class Araim(Named):
     """Advanced RAIM with the model's sigma as that of the integrity model.
 
     There is no solution where there are no levels: where the satellites left by a fault more probable than the
-    integrity risk determine no position. So a single constellation with a ``p_const`` of 1e-4 is unavailable.
+    integrity risk determine no position. So a single constellation with a ``p_const`` of 1e-4 is unavailable. With as
+    many satellites as unknowns no mode can be tested, and there are levels if no fault needs to be.
 
     Fault modes are single satellites and constellations, and pairs of them wherever P_THRES asks for them; whether
     it can for that many rows and clocks is decided when the sweep is compiled. Combinations of three are never
@@ -127,6 +128,7 @@ class Araim(Named):
                 )
 
     levels_from_geometry = True
+    levels_without_redundancy = True
 
     def batched_levels(
         self, design: FloatArray, sigma_m: FloatArray, in_view: NDArray[np.bool_], systems: NDArray[np.str_],
@@ -135,7 +137,6 @@ class Araim(Named):
         """The levels of `pl_mc.araim`, with the sigma of the model as that of the integrity model."""
         variance = sigma_m**2
         letters = sorted(set(np.unique(systems).tolist()) - {""})
-        unknowns = COORDINATES + (design[..., COORDINATES:] != 0).any(axis=1).sum(axis=1)
         if not letters:
             nothing = np.full(len(variance), np.inf)
             return nothing, nothing
@@ -150,9 +151,7 @@ class Araim(Named):
             design, variance, systems=systems.tolist(), budget=self.budget, unmonitored=self.unmonitored,
             in_view=in_view, **own,
         )  # fmt: skip
-        # A solution without redundancy counts as none, as for every method.
-        sound = levels.available & (in_view.sum(axis=1) > unknowns)
-        return np.where(sound, levels.hpl_m, np.inf), np.where(sound, levels.vpl_m, np.inf)
+        return levels.hpl_m, levels.vpl_m
 
     def prepare(self, model: LinearModel) -> Prepared:
         priors = Priors(self.p_sat, self.p_const, self.budget.p_threshold, self.unmonitored, self.ism)
@@ -184,7 +183,7 @@ class Araim(Named):
             modes.p_not_monitored[None],
             self.budget,
         )
-        available = model.available & levels.available[0]
+        available = model.determined & levels.available[0]
         level = jnp.where(available, levels.level_m[:, 0], jnp.inf)
         threshold = levels.threshold_m[..., 0].reshape(3, blocks, width)
         return Prepared(

@@ -26,7 +26,7 @@ class Sbas(Named):
     d_major^2 = (d_E^2 + d_N^2) / 2 + sqrt(((d_E^2 - d_N^2) / 2)^2 + d_EN^2). The model's own sigma takes the place
     of what an augmentation system sends. The levels know nothing of the residuals, and nothing is rejected: that no
     satellite is faulted is for the system's ground segment to say. An alarm means that the geometry is too weak for
-    VAL, whatever the errors are. Solutions without redundancy count as unavailable, as for every method.
+    VAL, whatever the errors are. With as many satellites as unknowns the levels stand too, as those of the standard do.
 
     Attributes:
         k_horizontal, k_vertical: multipliers; those of precision approach unless given (6.18 horizontally
@@ -43,6 +43,7 @@ class Sbas(Named):
 
     scales_with_k = "k_vertical"
     levels_from_geometry = True
+    levels_without_redundancy = True
 
     def prepare(self, model: LinearModel) -> ProtectionLevels:
         covariance = covariance_of(model.gain[:COORDINATES])
@@ -50,4 +51,4 @@ class Sbas(Named):
 
     def solve(self, model: LinearModel, prepared: ProtectionLevels, start: LeastSquaresSolution) -> Outcome:
         nothing = jnp.zeros(start.square_sum.shape, bool)
-        return decided(model.available, start.state[:COORDINATES], prepared, nothing)
+        return decided(model.determined, start.state[:COORDINATES], prepared, nothing)

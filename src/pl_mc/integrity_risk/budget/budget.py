@@ -24,7 +24,7 @@ from scipy import special
 
 from pl_mc.alert import LPV_200, AlertLimits, as_axis
 from pl_mc.arrays import FloatArray, ordinary_arithmetic
-from pl_mc.engine.checks import LARGEST_SEED, require_geometry_and_alert, require_single
+from pl_mc.engine.checks import LARGEST_SEED, require_bounded, require_geometry_and_alert, require_single
 from pl_mc.faults import Faults, fault_label
 from pl_mc.geometry.record import Geometry
 from pl_mc.input_errors import InputError, require_choice, require_positive, require_whole
@@ -177,6 +177,8 @@ def risk_budget(
     if sizes is None and weights is not None:
         raise InputError("weights: they belong to an array of sizes, which bias='worst' is not.")
     (chosen,) = as_methods([method], g)
+    if sizes is None and estimator is None:
+        require_bounded(g, chosen)
     law = law_with(alarm, chosen, estimated=estimator is not None, axis=judged)
     # Least squares ranks the pairs for every method.
     epochs = ls_epochs(g, law or LeastSquaresLaw(), judged, alarm=alarm, p_fa=p_fa, alert=alert)

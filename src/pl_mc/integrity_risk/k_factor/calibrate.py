@@ -18,7 +18,7 @@ import pandas as pd
 
 from pl_mc.alert import EITHER, HORIZONTAL, LPV_200, VERTICAL, AlertLimits, as_axis
 from pl_mc.arrays import ordinary_arithmetic
-from pl_mc.engine.checks import LARGEST_DRAWS, LARGEST_SEED, require_geometry_and_alert, require_inputs
+from pl_mc.engine.checks import LARGEST_DRAWS, LARGEST_SEED, require_geometry_and_alert, require_inputs, solved_epochs
 from pl_mc.faults import Faults, no_fault
 from pl_mc.geometry.record import Geometry
 from pl_mc.injection import at_epoch
@@ -50,7 +50,6 @@ from pl_mc.integrity_risk.k_factor.from_curve import ExceedanceCurve, from_curve
 from pl_mc.integrity_risk.worst.search import Estimator
 from pl_mc.methods import Method, as_methods
 from pl_mc.methods.capabilities import exact_law, k_of, require_k, with_k
-from pl_mc.statistics.least_squares import ls_quantities
 
 
 @ordinary_arithmetic
@@ -145,7 +144,7 @@ def calibrate(
         curve = None
         if estimator is None and high >= 1:
             found = counted(ratio, target, confidence, high, low)
-        elif not ls_quantities(part).available.any():
+        elif not solved_epochs(part, chosen).any():
             found = ALWAYS_ALARMS
         elif len(part) > 1:
             needed = math.ceil(fewest_draws(target, confidence) / int(fault.applies(part).sum()))

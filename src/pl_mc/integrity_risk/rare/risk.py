@@ -16,7 +16,7 @@ from scipy import stats
 
 from pl_mc.alert import LPV_200, VERTICAL, AlertLimits, as_axis, unjudged_note
 from pl_mc.arrays import FloatArray, ordinary_arithmetic
-from pl_mc.engine.checks import LARGEST_SEED, notes_on_faults, require_inputs
+from pl_mc.engine.checks import LARGEST_SEED, notes_on_faults, require_inputs, solved_epochs
 from pl_mc.faults import Faults
 from pl_mc.geometry.record import Geometry
 from pl_mc.injection import at_epoch
@@ -29,7 +29,6 @@ from pl_mc.noise_models import GAUSSIAN, NoiseModel, as_noise_model
 from pl_mc.runtime.progress import with_progress
 from pl_mc.runtime.threads import cores, in_order
 from pl_mc.statistics.intervals import clopper_pearson
-from pl_mc.statistics.least_squares import ls_quantities
 
 CONFIDENCE = 0.95
 FEWEST_EVALUATIONS = 500_000
@@ -160,7 +159,7 @@ def risk(
     (chosen,) = as_methods([method], g)
     model = as_noise_model(noise, g)
     series = g.as_series()
-    available = np.atleast_1d(ls_quantities(series).available)
+    available = solved_epochs(series, chosen)
     rows = [(int(epoch), int(fault)) for epoch, fault in zip(*np.nonzero(faults.applies(g)), strict=True)]
 
     def run(row: tuple[int, int]) -> RiskEstimate:

@@ -20,7 +20,7 @@ import pandas as pd
 
 from pl_mc.alert import LPV_200, VERTICAL, AlertLimits, as_axis, unjudged_note
 from pl_mc.arrays import FloatArray, ordinary_arithmetic
-from pl_mc.engine.checks import LARGEST_SEED, require_geometry_and_alert
+from pl_mc.engine.checks import LARGEST_SEED, require_bounded, require_geometry_and_alert
 from pl_mc.faults import require_satellite
 from pl_mc.geometry.record import Geometry
 from pl_mc.input_errors import InputError, require_list, require_whole, require_within, shown
@@ -143,6 +143,8 @@ def worst_case(
     require_within(target_cov, field="target_cov", low=1e-3, high=1.0)
     if estimator is not None and not callable(estimator):
         raise InputError(f"estimator: a function of faults, target_cov and seed is needed, not {shown(estimator)}.")
+    if estimator is None:
+        require_bounded(g, chosen)
     parts: list[pd.DataFrame] = []
     spent: dict[str, int] = {}
     for one in g.as_series():
