@@ -84,9 +84,7 @@ def count_events(
                 return product(seen.astype(live.dtype), live).astype(jnp.int32)
 
             noise = side_by_side(jax.vmap(lambda block: block_noise(model, one, seed, block, noise_model))(group))
-            sizes = None
-            if one.drawn is not None:
-                sizes = side_by_side(jax.vmap(lambda block: block_sizes(one, seed, block))(group))
+            sizes = jax.tree.map(side_by_side, jax.vmap(lambda block: block_sizes(one, seed, block))(group))
             nothing = jnp.zeros((len(methods) * len(axes), len(EVENTS)), jnp.int32)
             return total + each_outcome(model, prepared, methods, one, noise, count, sizes=sizes, skipped=nothing), None
 
