@@ -30,7 +30,7 @@ from pydantic_core import PydanticCustomError
 from pl_mc.alert import AlertLimits, as_alert
 from pl_mc.engine.checks import LARGEST_DRAWS, LARGEST_SEED
 from pl_mc.error_models import ErrorModel, error_model
-from pl_mc.faults import Faults, biases, fault_label, no_fault, ramps, require_text
+from pl_mc.faults import Faults, biases, fault_label, ramps, require_text
 from pl_mc.geometry import Geometry, redundancy_numbers, simulate
 from pl_mc.geometry.record import MOST_SATELLITES, SYSTEM_NAMES
 from pl_mc.input_errors import InputError, nearest, shown
@@ -322,8 +322,7 @@ class ListedFaults(Strict):
 
     def build(self, g: Geometry) -> tuple[Faults, tuple[str, ...]]:
         """The faults, in order."""
-        made = [biases(g, one) if one else no_fault(g) for one in self.biases]
-        return sum(made[1:], made[0]), ()
+        return Faults.joined([biases(g, one) for one in self.biases]), ()
 
     def describe(self) -> str:
         """The faults in words."""
