@@ -297,3 +297,22 @@ def test_records_of_biases_are_checked() -> None:
         Bias(of=("G01",), numbers=(1.0,), last_epoch=5)
     with pytest.raises(dataclasses.FrozenInstanceError):
         Bias(of=("G01",), numbers=(1.0,)).of = ()  # type: ignore[misc]
+
+
+def test_tables_of_distributions_and_records(day: pl_mc.Geometry) -> None:
+    assert pl_mc.biases(day, {"C01": ("uniform", 5, 100)}).labels == ("C01:uniform(5,100)m",)
+    assert pl_mc.biases(day, {"C01+C02": ["normal", 0, 10], "G01": 3.0}).labels == ("C01+C02:normal(0,10)m,G01:+3m",)
+    text = "G:+20m,C01:+0.1m/s:3-9"
+    assert pl_mc.biases(day, parse_fault(text)).labels == (text,)
+    assert pl_mc.biases(day, ()).labels == ("none",)
+    for table, words in (
+        ({"C01": ("gamma", 2)}, "law: 'gamma' is unknown"),
+        ({"C01": ()}, "law: '' is unknown"),
+        ({"C01": ("uniform", 5)}, "numbers: fixed takes one number, a distribution two"),
+        ({"C01": ("uniform", 5, "x")}, "bias of C01: a finite number is needed"),
+        ({"C01": ("normal", 0, 9), "C01+C02": 3.0}, "C01 is named twice"),
+        ({"C99": ("normal", 0, 9)}, "'C99' is not in view"),
+        ((3.0,), "a table by satellite"),
+    ):
+        with pytest.raises(InputError, match=re.escape(words)):
+            pl_mc.biases(day, table)

@@ -53,6 +53,9 @@ with small.cut(2, 12 * LANES):
 with small.cut(2, 2**20):
     assert small.task().plan.blocks_per_call == 6
     small.assert_same(small.run(devices=2, **ls), alone)
+# What is drawn of faults is drawn alike.
+drawn = small.drawn_faults()
+small.assert_same(small.run(faults=drawn, devices=2, **ls), small.run(faults=drawn, **ls))
 try:
     small.run(devices=3)
 except InputError as error:

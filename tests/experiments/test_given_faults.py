@@ -149,7 +149,7 @@ def test_a_ramp_without_epochs(capsys: pytest.CaptureFixture[str]) -> None:
     assert "fault G01:+0.1m/s: a ramp in time needs a series of epochs" in said
 
 
-TAKEN = {"observe", "series", "sweep", "time-ramps", "tuning"}
+TAKEN = {"observe", "series", "stanford", "sweep", "time-ramps", "tuning"}
 
 
 def test_kinds_that_take_faults_say_so_and_others_refuse_them(capsys: pytest.CaptureFixture[str]) -> None:
@@ -214,6 +214,23 @@ def test_series_refuse_what_they_cannot_inject(given: list[str], words: str, tmp
         run_experiment("small", record, tmp_path / "out")
     assert words in str(caught.value)
     assert not (tmp_path / "out").exists()
+
+
+def test_a_diagram_of_given_faults(tmp_path: Path) -> None:
+    content: dict[str, Any] = {
+        "kind": "stanford", "title": "small", "draws": 300, "methods": ["ls"], "geometry": {"epochs": 4},
+        "faults": {"biases": ["G01:uniform(5,90)m", "G01:+30m:1-2"]},
+    }  # fmt: skip
+    run_experiment("small", build_experiment(content, source="test"), tmp_path / "out")
+    regions = pd.read_csv(tmp_path / "out" / "regions.csv")
+    assert (regions.scenarios == 300 * (4 + 2)).all()
+    g = pl_mc.simulate(epochs=4)
+    faults = pl_mc.biases(g, "G01:uniform(5,90)m") + pl_mc.biases(g, "G01:+30m:1-2")
+    expected = pl_mc.sweep(g, faults, draws=300, seed=20171121, methods="ls", progress=False).alarms.sum()
+    assert regions["count"][regions.region.str.startswith("system unavailable")].sum() == expected
+    assert "G01:uniform(5,90)m; G01:+30m:1-2; 300 draws each" in (tmp_path / "out" / "summary.md").read_text()
+    with pytest.raises(InputError, match="satellites: they get a ramp, which faults has to give"):
+        run_experiment("x", build_experiment(content | {"satellites": ["G01"]}, source="test"), tmp_path / "no")
 
 
 def test_ramps_in_time_become_rates() -> None:

@@ -42,9 +42,14 @@ FAULTS = (
 )
 
 
-def run(**options) -> pd.DataFrame:
+def drawn_faults() -> pl_mc.Faults:
+    """Faults of drawn sizes for the same series."""
+    return pl_mc.biases(SERIES, "C07:uniform(20,90)m") + pl_mc.biases(SERIES, "C:+-30m independent:1-3")
+
+
+def run(*, faults: pl_mc.Faults = FAULTS, **options) -> pd.DataFrame:
     """The small sweep."""
-    return pl_mc.sweep(SERIES, FAULTS, **({"draws": DRAWS, "seed": SEED, "methods": METHODS} | options))
+    return pl_mc.sweep(SERIES, faults, **({"draws": DRAWS, "seed": SEED, "methods": METHODS} | options))
 
 
 def run_stored(folder: Path, **options) -> pd.DataFrame:

@@ -30,7 +30,7 @@ from pl_mc.noise_models import noise_model
 from pl_mc.runtime.threads import cores
 from pl_mc.studies.planned_sweep import PlannedSweep
 from pl_mc.studies.registry import KINDS, in_todays_words, study_of
-from pl_mc.studies.spec import Experiment, SimulatedGeometry
+from pl_mc.studies.spec import Experiment, SimulatedGeometry, fields_of
 from pl_mc.studies.study import Work
 from pl_mc.studies.validation import FieldProblem, told_lines
 from pl_mc.time_ramps.timing import sequential
@@ -214,9 +214,10 @@ def _further_problems(content: Mapping[str, Any]) -> Iterator[FieldProblem]:
     # Whatever the kind's own record can be asked for: files, faults, satellites.
     if callable(files := getattr(getattr(record, "source", None), "files", None)):
         yield from _tried("source", files)
-    build = getattr(getattr(record, "faults", None), "build", None)
+    faults = getattr(record, "faults", None)
+    build = getattr(faults, "build", None)
     if geometry is not None and callable(build):
-        own = set(type(record.faults).model_fields)
+        own = set(fields_of(faults))
         where = "faults.biases" if "biases" in own else "faults"
         yield from _tried(where, lambda: build(geometry), own - {"biases"})
     if not isinstance(record.alert, str) or record.alert in OPERATIONS:

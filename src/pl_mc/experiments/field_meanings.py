@@ -51,8 +51,8 @@ SHARED: dict[str, str] = {
     "satellite": "name of the biased satellite",
     "otherwise": "what stands in for a satellite that is out of view: the one of its system with the median "
     "redundancy number",
-    "biases": "faults one by one, each a table of biases by satellite or a text such as G01+G13:+30m, G15:+0.1m/s:100- or "
-    "G:uniform(5,100)m independent; an empty table and none are the fault-free case",
+    "biases": "faults one by one, each a table of biases by satellite or a text such as G01+G13:+30m, "
+    "G15:+0.1m/s:100- or G:uniform(5,100)m independent; an empty table and none are the fault-free case",
     "start_m": "first bias",
     "stop_m": "last bias",
     "step_m": "step from bias to bias",

@@ -6,6 +6,7 @@ import itertools
 import re
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -28,7 +29,7 @@ def no_fault(g: Geometry) -> Faults:
 
 
 @ordinary_arithmetic
-def biases(g: Geometry, bias_m: Mapping[str, float] | str) -> Faults:
+def biases(g: Geometry, bias_m: Mapping[str, float | tuple[Any, ...]] | str | Sequence[Bias]) -> Faults:
     """One fault on one or several satellites.
 
     Text is the label of a fault. Biases on satellites are separated by commas, each a name, a colon and a size:
@@ -47,8 +48,9 @@ def biases(g: Geometry, bias_m: Mapping[str, float] | str) -> Faults:
 
     Args:
         g: the geometry.
-        bias_m: bias of each faulted satellite [m], ``{"G02": 30.0, "C11": -20.0}``, or text. ``none`` and an empty
-            table are the fault-free case.
+        bias_m: bias of each faulted satellite [m], ``{"G02": 30.0, "C11": -20.0}``, or its distribution as in a risk
+            budget, ``{"G02": ("uniform", 5, 100)}``; text; or records of its biases, such as those of
+            `pl_mc.faults.parse_fault`. ``none`` and an empty table are the fault-free case.
 
     Raises:
         InputError: text of another form, a satellite that is not in view or named twice, a size that is no number, a
@@ -56,24 +58,29 @@ def biases(g: Geometry, bias_m: Mapping[str, float] | str) -> Faults:
     """
     require_geometry(g)
     if isinstance(bias_m, str):
-        texts = _every(g, bias_m)
-        made = [_fault(g, parse_fault(text)) for text in texts]
-        return made[0] if len(made) == 1 else sum(made[1:], made[0])
+        return Faults.joined([_fault(g, parse_fault(text)) for text in _every(g, bias_m)])
+    if isinstance(bias_m, list | tuple) and all(isinstance(one, Bias) for one in bias_m):
+        return _fault(g, bias_m)
     if not isinstance(bias_m, Mapping):
         raise InputError(
             f"biases: a table by satellite such as {{'G02': 30.0}}, or text such as G02:+30m, is needed, not "
             f"{shown(bias_m)}."
         )
-    by_name: dict[str, float] = {}
+    parts, by_name = list[Bias](), dict[str, float]()
     for named, value in bias_m.items():
+        names = tuple(named.split("+")) if isinstance(named, str) else (named,)
+        _require_named(g, names)
+        if isinstance(value, list | tuple):
+            parts.append(Bias(of=names, law=value[0] if value else "", numbers=tuple(value[1:])))
+            continue
         size_m = require_number(value, field=f"bias of {named}")
-        for name in named.split("+") if isinstance(named, str) else [named]:
+        parts += [Bias(of=(name,), numbers=(size_m,)) for name in names if round(size_m, 9)]
+        for name in names:
             if name in by_name:
                 raise InputError(f"biases: {name} is named twice.")
             by_name[name] = size_m
-    _require_named(g, tuple(by_name))
-    if not set(by_name) <= set(g.names):
-        return _fault(g, [Bias(of=(name,), numbers=(size_m,)) for name, size_m in by_name.items() if size_m])
+    if any(part.drawn for part in parts) or not set(by_name) <= set(g.names):
+        return _fault(g, parts)
     row = np.zeros(len(g.names))
     for name, size_m in by_name.items():
         row[g.names.index(name)] = size_m

@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+import itertools
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 
 import numpy as np
@@ -52,11 +53,19 @@ class Faults:
 
     def __add__(self, other: Faults) -> Faults:
         """The faults of both, in order."""
-        if self.names != other.names:
+        return Faults.joined([self, other])
+
+    @classmethod
+    def joined(cls, lists: Sequence[Faults]) -> Faults:
+        """The faults of several lists, one at least, in order."""
+        if any(one.names != lists[0].names for one in lists):
             raise InputError("faults: only faults of the same geometry can be joined.")
-        later = {len(self) + k: biases for k, biases in other.shaped.items()}
-        bias_m = np.concatenate([self.bias_m, other.bias_m])
-        return Faults(bias_m, self.names, self.labels + other.labels, {**self.shaped, **later})
+        places = itertools.accumulate(map(len, lists), initial=0)
+        shaped = {
+            begin + k: biases for begin, one in zip(places, lists, strict=False) for k, biases in one.shaped.items()
+        }
+        labels = tuple(label for one in lists for label in one.labels)
+        return cls(np.concatenate([one.bias_m for one in lists]), lists[0].names, labels, shaped)
 
     def only(self, *chosen: int) -> Faults:
         """Some of them alone."""

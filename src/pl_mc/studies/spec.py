@@ -31,7 +31,7 @@ from pl_mc.alert import AXES, OPERATIONS, VERTICAL, AlertLimits, Judged, as_aler
 from pl_mc.constants import MOST_SATELLITES
 from pl_mc.engine.checks import LARGEST_DRAWS, LARGEST_SEED
 from pl_mc.error_models import ErrorModel, error_model
-from pl_mc.faults import Faults, biases, no_fault, ramps, require_text
+from pl_mc.faults import Faults, biases, fault_label, ramps, require_text
 from pl_mc.geometry import Geometry, redundancy_numbers, simulate
 from pl_mc.geometry.record import SYSTEM_NAMES
 from pl_mc.input_errors import InputError, nearest, shown
@@ -386,8 +386,11 @@ class ListedFaults(Strict):
 
     def build(self, g: Geometry) -> tuple[Faults, tuple[str, ...]]:
         """The faults, in order."""
-        made = [biases(g, one) if one else no_fault(g) for one in self.biases]
-        return sum(made[1:], made[0]), ()
+        return Faults.joined([biases(g, one) for one in self.biases]), ()
+
+    def describe(self) -> str:
+        """The faults in words."""
+        return "; ".join(one if isinstance(one, str) else fault_label(one) for one in self.biases)
 
 
 def fields_of(given: Any) -> Collection[str]:
@@ -395,10 +398,9 @@ def fields_of(given: Any) -> Collection[str]:
     return given if isinstance(given, Mapping) else getattr(type(given), "model_fields", ())
 
 
-AnyFaults = Annotated[
-    Annotated[RampFaults, Tag("Ramp")] | Annotated[ListedFaults, Tag("Listed")],
-    Discriminator(lambda given: "Listed" if "biases" in fields_of(given) else "Ramp"),
-]
+_FORM = Discriminator(lambda given: "Listed" if "biases" in fields_of(given) else "Ramp")
+AnyFaults = Annotated[Annotated[RampFaults, Tag("Ramp")] | Annotated[ListedFaults, Tag("Listed")], _FORM]
+SizesOrFaults = Annotated[Annotated[RampSizes, Tag("Ramp")] | Annotated[ListedFaults, Tag("Listed")], _FORM]
 
 
 class NoiseChoice(NamedChoice):

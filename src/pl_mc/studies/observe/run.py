@@ -68,7 +68,7 @@ def run(experiment: ObserveExperiment, execution: Execution) -> Findings:
     )  # fmt: skip
     g = series.geometry
     _require_solution(experiment, g, series.notes)
-    injected = sum((biases(g, text) for text in experiment.faults), no_fault(g))
+    injected = Faults.joined([no_fault(g), *(biases(g, text) for text in experiment.faults)])
     errors_m, faulted, notes = inject(g, series.errors_m, injected, numbers_of_draw(g, seed=experiment.seed))
     (judged,) = experiment.judged()
     table = solve(

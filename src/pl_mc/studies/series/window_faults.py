@@ -14,7 +14,6 @@ from numpy.typing import NDArray
 from pydantic import Discriminator, Field, Tag, ValidationInfo, field_validator
 
 from pl_mc.engine.drawn_biases import numbers_of_draw
-from pl_mc.faults import fault_label
 from pl_mc.geometry import Geometry
 from pl_mc.injection import inject
 from pl_mc.input_errors import InputError
@@ -154,10 +153,6 @@ class GivenFaults(ListedFaults):
         windows = tuple((int(g.epoch[first]), int(g.epoch[stop - 1])) for first, stop in ends)
         chosen = (tuple(pd.unique(listed.satellite[listed.epoch.between(*window)])) for window in windows)
         return DrawnFaults(bias_m, faulted, listed, chosen=tuple(chosen), windows=windows, notes=notes)
-
-    def describe(self) -> str:
-        """The faults in words."""
-        return "; ".join(one if isinstance(one, str) else fault_label(one) for one in self.biases)
 
 
 AnyWindowFaults = Annotated[

@@ -5,5 +5,6 @@ from pl_mc.studies.study import Study
 
 STUDY = Study(
     model=StanfordExperiment, run=run, answer=answer, work=work, checks=checks,
+    with_faults=lambda content, texts: {"faults": {"biases": texts}, "satellites": ()},
     question="How do vertical error and vertical protection level lie to each other and to the alert limit?",
 )  # fmt: skip

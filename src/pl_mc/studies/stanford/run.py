@@ -26,7 +26,15 @@ from pl_mc.report.document import Summary, TextTable
 from pl_mc.report.figures import DASHED, method_label, new_figure, note
 from pl_mc.report.findings import Findings, Table, picture
 from pl_mc.report.text import by_method, method_key, row_rate
-from pl_mc.studies.spec import Distinct, Experiment, RampSizes, SimulatedGeometry, scaled_noise
+from pl_mc.studies.spec import (
+    Distinct,
+    Experiment,
+    ListedFaults,
+    RampSizes,
+    SimulatedGeometry,
+    SizesOrFaults,
+    scaled_noise,
+)
 from pl_mc.studies.study import Check, Work, refuse
 
 # The regions that are parts of the plane.
@@ -54,7 +62,7 @@ class StanfordExperiment(Experiment):
         draws: noise draws for each fault at each epoch.
         geometry: the series, or one epoch.
         noise_scale: factor of every sigma, in the noise and in the weights.
-        faults: the ramp; the fault-free case unless given.
+        faults: the ramp, or ``biases``, faults as texts; the fault-free case unless given.
         satellites: satellites that get the ramp, one at a time; all of the geometry unless given.
         reach_m, cell_m: where the cells end, and how wide they are [m].
     """
@@ -63,7 +71,7 @@ class StanfordExperiment(Experiment):
     draws: int = Field(ge=1)
     geometry: SimulatedGeometry = SimulatedGeometry()
     noise_scale: float = Field(default=1.0, gt=0)
-    faults: RampSizes | None = None
+    faults: SizesOrFaults | None = None
     satellites: Distinct = ()
     reach_m: float = 60.0
     cell_m: float = 0.5
@@ -104,7 +112,7 @@ def checks(experiment: StanfordExperiment, g: Geometry | None) -> Iterator[Check
     with suppress(InputError):
         limit_m = experiment.alert_limits().val_m
         yield "reach_m", lambda: Grid(experiment.reach_m, experiment.cell_m).require_limit(limit_m)
-    if experiment.faults is None and experiment.satellites:
+    if not isinstance(experiment.faults, RampSizes) and experiment.satellites:
         yield "satellites", lambda: refuse("they get a ramp, which faults has to give.")
     if g is not None:
         for name in experiment.satellites:
@@ -113,10 +121,10 @@ def checks(experiment: StanfordExperiment, g: Geometry | None) -> Iterator[Check
 
 def _faults(experiment: StanfordExperiment, g: Geometry) -> Faults:
     sizes = experiment.faults
-    if sizes is None:
+    if not isinstance(sizes, RampSizes):
         if experiment.satellites:
             raise InputError("satellites: they get a ramp, which faults has to give.")
-        return no_fault(g)
+        return no_fault(g) if sizes is None else sizes.build(g)[0]
     names = experiment.satellites or g.names
     return ramps(g, satellites=names, start_m=sizes.start_m, stop_m=sizes.stop_m, step_m=sizes.step_m)
 
@@ -132,6 +140,8 @@ def summary(experiment: StanfordExperiment, g: Geometry, counts: StanfordCounts,
     what = (
         "fault-free"
         if sizes is None
+        else sizes.describe()
+        if isinstance(sizes, ListedFaults)
         else f"{sizes.start_m:g} to {sizes.stop_m:g} m in steps of {sizes.step_m:g} m on "
         f"{', '.join(experiment.satellites) or 'every satellite'} in turn, each size as often as the others"
     )
