@@ -57,6 +57,13 @@ def _judged(axis: str) -> tuple[int, ...]:
     return tuple((VERTICAL, HORIZONTAL).index(limit) for limit in judged_by(axis))
 
 
+def sizes_and_levels(outcome: Outcome, axis: str) -> list[tuple[Array, Array]]:
+    """The size of each error that an axis judges, and its protection level [m], the vertical one first."""
+    error = outcome.error_m
+    both = (lambda: (jnp.abs(error[UP]), outcome.vpl_m), lambda: (jnp.hypot(error[EAST], error[NORTH]), outcome.hpl_m))
+    return [both[k]() for k in _judged(axis)]
+
+
 def alarms(outcome: Outcome, limits_m: Array | NDArray, axis: str = VERTICAL) -> Array:
     """(...), whether each scenario alarms; ``limits_m`` (2,) are VAL and HAL."""
     levels = (outcome.vpl_m, outcome.hpl_m)
@@ -78,12 +85,11 @@ def tied(outcome: Outcome) -> Array:
 
 def events(outcome: Outcome, limits_m: Array, axis: str = VERTICAL) -> Array:
     """(events, ...), which of `EVENTS` each scenario is; ``limits_m`` (2,) are VAL and HAL."""
-    error = outcome.error_m
-    levels = (outcome.vpl_m, outcome.hpl_m)
-    errors = (jnp.abs(error[UP]), jnp.hypot(error[EAST], error[NORTH]))
-    alarm, judged = alarms(outcome, limits_m, axis), _judged(axis)
-    hazard = outcome.available & functools.reduce(jnp.logical_or, [errors[k] > limits_m[k] for k in judged])
-    exceeded = outcome.available & functools.reduce(jnp.logical_or, [errors[k] > levels[k] for k in judged])
+    alarm, judged = alarms(outcome, limits_m, axis), sizes_and_levels(outcome, axis)
+    limits = [limits_m[k] for k in _judged(axis)]
+    beyond_limit = [size > limit for (size, _), limit in zip(judged, limits, strict=True)]
+    hazard = outcome.available & functools.reduce(jnp.logical_or, beyond_limit)
+    exceeded = outcome.available & functools.reduce(jnp.logical_or, [size > level for size, level in judged])
     return jnp.stack(
         [
             alarm,

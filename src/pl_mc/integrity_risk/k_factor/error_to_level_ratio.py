@@ -17,9 +17,10 @@ from jax import Array
 
 from pl_mc.alert import VERTICAL, AlertLimits
 from pl_mc.arrays import FloatArray
+from pl_mc.engine.events import sizes_and_levels
 from pl_mc.faults import Faults
 from pl_mc.geometry.record import Geometry
-from pl_mc.integrity_risk.rare.limit_state import EpochState, sizes_and_levels
+from pl_mc.integrity_risk.rare.limit_state import EpochState
 from pl_mc.integrity_risk.rare.subset import Coordinates
 from pl_mc.methods.base import Method, Outcome
 from pl_mc.methods.capabilities import with_k

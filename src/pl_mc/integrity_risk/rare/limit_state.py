@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import functools
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import Any, Self
 
 import jax
@@ -19,7 +19,7 @@ from numpy.typing import NDArray
 
 from pl_mc.alert import EITHER, HORIZONTAL, VERTICAL, AlertLimits, judged_by
 from pl_mc.arrays import FloatArray
-from pl_mc.engine.events import unconverged
+from pl_mc.engine.events import sizes_and_levels, unconverged
 from pl_mc.geometry.record import EAST, NORTH, POSITION_UNKNOWNS, UP, Geometry
 from pl_mc.kernels import linear_model, start_from
 from pl_mc.methods.base import Method, Outcome
@@ -149,7 +149,7 @@ class EpochState(InCoordinates):
     event: str
     limits_m: float | tuple[float, ...]
     coordinates: Rotation
-    axis: str = VERTICAL
+    axis: str = field(default=VERTICAL, kw_only=True)
 
     @classmethod
     def of(
@@ -161,7 +161,7 @@ class EpochState(InCoordinates):
         bias = np.where(seen, bias_m[series.satellite[epoch]], 0.0)
         turned = rotation(design, sigma, seen, bias, axis) if coordinates is None else coordinates
         limits_m = tuple(alert.limit_m[one] for one in judged_by(axis))
-        return cls(design, sigma, seen, bias, method, event, limits_m, turned, axis, **options)
+        return cls(design, sigma, seen, bias, method, event, limits_m, turned, axis=axis, **options)
 
     def computed(self, points: FloatArray, of: OfOutcome, event: Any, noise_model: NoiseModel = GAUSSIAN) -> FloatArray:
         """(N,), what a function of outcomes makes of points (N, dimension), call by call; see `OfOutcome`."""
@@ -226,16 +226,6 @@ def _by_place(outcome: Outcome, limits_m: Array, event: Array, axis: str) -> Arr
     """The limit state of an event by its place in `RISK_EVENTS`."""
     # All of them cost next to nothing, and one compiled function serves every event.
     return jnp.stack([limit_state(outcome, limits_m, name, axis) for name in RISK_EVENTS])[event]
-
-
-def sizes_and_levels(outcome: Outcome, axis: str) -> list[tuple[Array, Array]]:
-    """The size of each error that an axis judges, and its protection level [m], the vertical one first."""
-    error = outcome.error_m
-    both = {
-        VERTICAL: lambda: (jnp.abs(error[UP]), outcome.vpl_m),
-        HORIZONTAL: lambda: (jnp.hypot(error[EAST], error[NORTH]), outcome.hpl_m),
-    }
-    return [both[one]() for one in judged_by(axis)]
 
 
 def limit_state(outcome: Outcome, limits_m: Array | float, event: str, axis: str = VERTICAL) -> Array:
