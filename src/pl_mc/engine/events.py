@@ -18,6 +18,7 @@ from numpy.typing import DTypeLike, NDArray
 
 from pl_mc.alert import HORIZONTAL, VERTICAL, AlertLimits, judged_by
 from pl_mc.geometry.record import EAST, NORTH, UP
+from pl_mc.input_errors import InputError
 from pl_mc.methods.base import Outcome
 
 # A larger last step of a position component, and the iteration has not settled [m].
@@ -57,19 +58,31 @@ def _judged(axis: str) -> tuple[int, ...]:
     return tuple((VERTICAL, HORIZONTAL).index(limit) for limit in judged_by(axis))
 
 
+def levels_of(outcome: Outcome, axis: str) -> list[Array]:
+    """The protection levels that an axis judges [m], the vertical one first.
+
+    Raises:
+        InputError: a method without one of them.
+    """
+    levels = [(outcome.vpl_m, outcome.hpl_m)[k] for k in _judged(axis)]
+    missing = [name for name, level in zip(judged_by(axis), levels, strict=True) if level is None]
+    if missing:
+        raise InputError(f"axes: one of the methods has no {missing[0]} level, so that {axis} cannot decide.")
+    return levels
+
+
 def sizes_and_levels(outcome: Outcome, axis: str) -> list[tuple[Array, Array]]:
     """The size of each error that an axis judges, and its protection level [m], the vertical one first."""
-    error = outcome.error_m
-    both = (lambda: (jnp.abs(error[UP]), outcome.vpl_m), lambda: (jnp.hypot(error[EAST], error[NORTH]), outcome.hpl_m))
-    return [both[k]() for k in _judged(axis)]
+    east, north, up = (outcome.error_m[k] for k in (EAST, NORTH, UP))
+    sizes = (lambda: jnp.abs(up), lambda: jnp.hypot(east, north))
+    return [(sizes[k](), level) for k, level in zip(_judged(axis), levels_of(outcome, axis), strict=True)]
 
 
 def alarms(outcome: Outcome, limits_m: Array | NDArray, axis: str = VERTICAL) -> Array:
     """(...), whether each scenario alarms; ``limits_m`` (2,) are VAL and HAL."""
-    levels = (outcome.vpl_m, outcome.hpl_m)
     alarm = ~outcome.available | outcome.rejects
-    for k in _judged(axis):
-        alarm = alarm | (levels[k] > limits_m[k])
+    for k, level in zip(_judged(axis), levels_of(outcome, axis), strict=True):
+        alarm = alarm | (level > limits_m[k])
     return alarm
 
 
