@@ -11,7 +11,9 @@ import pytest
 import pl_mc
 from pl_mc.alert import AXES, EITHER, HORIZONTAL, OPERATIONS, VERTICAL, as_axes, unjudged_note
 from pl_mc.engine import EVENTS
+from pl_mc.kernels import LeastSquaresSolution, LinearModel
 from pl_mc.kernels.noise import LANES
+from pl_mc.methods import Outcome
 from pl_mc.statistics import binomial_p_value, ls_rates
 from reference import small_sweep as small
 
@@ -162,3 +164,37 @@ def test_limits() -> None:
     assert as_axes(None, OPERATIONS["CAT-I"]) == (VERTICAL,)
     assert OPERATIONS["RNP 0.1"].words == "HAL 185 m"
     assert unjudged_note(OPERATIONS["RNP 0.1"], (HORIZONTAL,)) == ""
+
+
+@dataclasses.dataclass(frozen=True)
+class VerticalAlone:
+    """Least squares without a horizontal level."""
+
+    k_vertical: float = 5.33
+    name: str = "vertical_alone"
+    scales_with_k = "k_vertical"
+
+    def prepare(self, model: LinearModel) -> tuple[()]:
+        return ()
+
+    def solve(self, model: LinearModel, prepared: object, start: LeastSquaresSolution) -> Outcome:
+        outcome = pl_mc.ls(k_vertical=self.k_vertical).solve(model, (), start)
+        return dataclasses.replace(outcome, hpl_m=None)  # type: ignore[arg-type]
+
+
+def test_a_method_without_a_horizontal_level_is_judged_vertically_alone() -> None:
+    g, faults, method = small.SERIES[0], small.FAULTS, VerticalAlone()
+    options = {"draws": 64, "seed": 1, "alert": RAIL, "progress": False}
+    counts = [pl_mc.sweep(g, faults, methods=one, **options)[COUNTS] for one in (method, "ls")]  # type: ignore[arg-type]
+    pd.testing.assert_frame_equal(*counts)
+    assert pl_mc.solve(g, np.zeros(len(g.names)), methods=method).hpl_m.isna().all()
+    words = "axes: one of the methods has no horizontal level, so that {} cannot decide"
+    for axis in (HORIZONTAL, EITHER):
+        with pytest.raises(pl_mc.InputError, match=words.format(axis)):
+            pl_mc.sweep(g, faults, methods=method, axes=axis, **options)  # type: ignore[arg-type]
+        with pytest.raises(pl_mc.InputError, match=words.format(axis)):
+            pl_mc.solve(g, np.zeros(len(g.names)), methods=method, alert=RAIL, axis=axis)
+    with pytest.raises(
+        pl_mc.InputError, match="'k_horizontal' is no field of this dataclass, the multiplier of its ho"
+    ):
+        pl_mc.calibrate(g, method=method, alert=RAIL, axis="horizontal")

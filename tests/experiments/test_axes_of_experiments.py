@@ -161,3 +161,39 @@ def test_compare_judges_availability_by_a_horizontal_limit_of_one_s_own(tmp_path
     for hal_m, share in available.items():
         assert share == np.mean((drawn.vpl_m <= 15.0) & (drawn.hpl_m <= hal_m))
     assert available[4.0] < available[40.0]
+
+
+STANFORD: dict[str, Any] = {
+    "kind": "stanford", "title": "rail", "draws": 300, "seed": 3, "geometry": {"epochs": 1, "epoch": 0},
+    "faults": {"start_m": 5, "stop_m": 15, "step_m": 5}, "satellites": ["G12"], "methods": ["ls", "igg3"],
+}  # fmt: skip
+
+
+def test_a_stanford_diagram_of_the_horizontal(tmp_path: Path) -> None:
+    folder = run(STANFORD | {"alert": RAIL}, tmp_path / "out")
+    said = words_of(folder)
+    assert not re.search(r"VAL|VPL|vertical", said)
+    assert "HAL 10 m" in said
+    regions = pd.read_csv(folder / "regions.csv").set_index(["method", "region"])
+    assert set(regions.axis) == set(pd.read_csv(folder / "stanford.csv").axis) == {HORIZONTAL}
+    g = pl_mc.simulate(epochs=1)[0]
+    faults = pl_mc.ramp(g, satellite="G12", start_m=5, stop_m=15, step_m=5)
+    alert = pl_mc.AlertLimits("rail", horizontal_m=10.0)
+    swept = pl_mc.sweep(g, faults, draws=300, seed=3, alert=alert, progress=False)
+    for method, rows in swept.groupby("method"):
+        count = regions.loc[method]["count"]
+        assert count["misleading"] + count["hazardously misleading"] == rows.misleading.sum()
+        assert count["hazardously misleading"] == rows.missed.sum()
+        unavailable = count["system unavailable"] + count["system unavailable, error beyond level"]
+        assert unavailable + count["no solution"] == rows.alarms.sum()
+
+
+def test_a_stanford_diagram_has_one_error() -> None:
+    for axes, words in (
+        (["either"], "axes: this kind of experiment has one error and one level; choose vertical or horizontal"),
+        (["vertical", "horizontal"], "axes: this kind of experiment judges by one axis at a time"),
+    ):
+        with pytest.raises(pl_mc.InputError, match=words):
+            build_experiment(STANFORD | {"alert": BOTH, "axes": axes}, source="test")
+    with pytest.raises(pl_mc.InputError, match="reach_m: more than the alert limit of 10 m is needed"):
+        run(STANFORD | {"alert": RAIL, "reach_m": 8.0}, Path("nowhere"))

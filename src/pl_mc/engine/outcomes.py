@@ -157,8 +157,8 @@ def _columns(outcome: Outcome, alert: AlertLimits, axis: str, chosen: tuple = (.
     outcome = jax.tree.map(lambda values: values[chosen], outcome)
     available = np.asarray(outcome.available)
 
-    def known(values: Array) -> NDArray:
-        return np.where(available, values, np.nan)
+    def known(values: Array | None) -> NDArray:
+        return np.where(available, np.nan if values is None else values, np.nan)
 
     error = outcome.error_m
     values = [known(v) for v in (error[EAST], error[NORTH], error[UP], outcome.hpl_m, outcome.vpl_m)]

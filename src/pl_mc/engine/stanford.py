@@ -1,4 +1,4 @@
-"""Counts of vertical error against vertical protection level, in bounded memory.
+"""Counts of the error against the protection level of one axis, in bounded memory.
 
 Every scenario of a sweep is put into a cell of a fixed grid and into one region; only the counts are kept.
 """
@@ -16,14 +16,14 @@ import pandas as pd
 from jax import Array
 from numpy.typing import NDArray
 
-from pl_mc.alert import AlertLimits
+from pl_mc.alert import VERTICAL, AlertLimits
 from pl_mc.engine.calls import Chunk, run_calls
 from pl_mc.engine.core import EpochBatch, block_noise, block_sizes, prepare_epoch
 from pl_mc.engine.plan import make_plan
 from pl_mc.faults import Faults
-from pl_mc.geometry.record import UP, Geometry
+from pl_mc.geometry.record import Geometry
 from pl_mc.input_errors import InputError, require_positive
-from pl_mc.kernels.events import tied, unconverged
+from pl_mc.kernels.events import sizes_and_levels, tied, unconverged
 from pl_mc.kernels.noise import LANES
 from pl_mc.kernels.parameters import Trees, as_trees, of_trees
 from pl_mc.kernels.scenarios import each_outcome
@@ -155,6 +155,7 @@ def stanford_counts(
     methods: Sequence[Method],
     alert: AlertLimits,
     grid: Grid,
+    axis: str = VERTICAL,
     precision: str = "float64",
     workers: int | None = None,
     progress: bool | None = None,
@@ -163,11 +164,13 @@ def stanford_counts(
 
     A scenario without a solution, or one that the method's own test rejects, has a region of its own. For the
     others the level and the alert limit decide whether there is an alarm (VPL > VAL, "system unavailable"), and the
-    error beyond the level is misleading information where there is none, hazardous where it is beyond VAL too.
+    error beyond the level is misleading information where there is none, hazardous where it is beyond VAL too;
+    horizontally HPL, HAL and the length of the error.
 
     Args:
         g, faults, draws, seed, methods, alert, precision, workers, progress: as for `pl_mc.sweep`.
         grid: the cells.
+        axis: ``vertical`` or ``horizontal``.
 
     Returns:
         The counts: misleading and hazardous together are the sweep's ``misleading``, hazardous alone its
@@ -181,9 +184,9 @@ def stanford_counts(
 
     def count(chunk: Chunk, first_block: np.int32, *others: np.int32) -> NDArray[np.int64]:
         codes = _block_cells(
-            plan.batch(chunk, dtype), np.uint32(seed), first_block, jnp.asarray(alert.vertical_m, dtype),
+            plan.batch(chunk, dtype), np.uint32(seed), first_block, jnp.asarray(alert.limit_m[axis], dtype),
             jnp.asarray(grid.cell_m, dtype), jnp.asarray(grid.cells, jnp.int32), as_trees(chosen),
-            blocks=plan.blocks_per_call,
+            blocks=plan.blocks_per_call, axis=axis,
         )  # fmt: skip
         counted = np.asarray(codes)[: chunk.size][plan.scenarios(chunk)]
         return np.stack([np.bincount(counted[:, k], minlength=size) for k in range(len(chosen))])
@@ -202,10 +205,10 @@ def stanford_counts(
     )  # fmt: skip
 
 
-@functools.partial(jax.jit, static_argnames=("blocks",))
+@functools.partial(jax.jit, static_argnames=("blocks", "axis"))
 def _block_cells(
-    batch: EpochBatch, seed: Array, first_block: Array, vertical_m: Array, cell_m: Array, cells: Array,
-    methods: Trees, *, blocks: int,
+    batch: EpochBatch, seed: Array, first_block: Array, limit_m: Array, cell_m: Array, cells: Array,
+    methods: Trees, *, blocks: int, axis: str,
 ) -> Array:  # fmt: skip
     """(epochs, blocks, faults, lanes, methods), region and cell of each scenario as one whole number."""
     chosen = of_trees(methods)
@@ -214,7 +217,7 @@ def _block_cells(
         model, prepared = prepare_epoch(one, chosen)
 
         def codes(outcomes: list[Outcome]) -> Array:
-            return jnp.stack([_codes(outcome, vertical_m, cell_m, cells) for outcome in outcomes], axis=-1)
+            return jnp.stack([_codes(outcome, axis, limit_m, cell_m, cells) for outcome in outcomes], axis=-1)
 
         def one_block(block: Array) -> Array:
             noise = block_noise(model, one, seed, block)
@@ -227,12 +230,12 @@ def _block_cells(
     return jax.lax.map(one_epoch, batch)
 
 
-def _codes(outcome: Outcome, vertical_m: Array, cell_m: Array, cells: Array) -> Array:
+def _codes(outcome: Outcome, axis: str, limit_m: Array, cell_m: Array, cells: Array) -> Array:
     """(lanes,), ((unconverged * 2 + tied) * regions + region, cell of the error, cell of the level) in one number."""
-    error_m = jnp.abs(outcome.error_m[UP])
-    beyond = error_m > outcome.vpl_m
-    silent = jnp.where(beyond, jnp.where(error_m > vertical_m, 2, 1), 0)
-    region = jnp.where(outcome.vpl_m > vertical_m, jnp.where(beyond, 4, 3), silent)
+    ((error_m, level_m),) = sizes_and_levels(outcome, axis)
+    beyond = error_m > level_m
+    silent = jnp.where(beyond, jnp.where(error_m > limit_m, 2, 1), 0)
+    region = jnp.where(level_m > limit_m, jnp.where(beyond, 4, 3), silent)
     region = jnp.where(outcome.available, jnp.where(outcome.rejects, 5, region), 6)
 
     def cell(value_m: Array) -> Array:
@@ -243,4 +246,4 @@ def _codes(outcome: Outcome, vertical_m: Array, cell_m: Array, cells: Array) -> 
     side = cells + 1
     state = unconverged(outcome).astype(jnp.int32) * 2 + tied(outcome).astype(jnp.int32)
     region = state * len(REGIONS) + region.astype(jnp.int32)
-    return (region * side + cell(error_m)) * side + cell(outcome.vpl_m)
+    return (region * side + cell(error_m)) * side + cell(level_m)

@@ -18,6 +18,7 @@ from numpy.typing import DTypeLike, NDArray
 
 from pl_mc.alert import HORIZONTAL, VERTICAL, AlertLimits, judged_by
 from pl_mc.constants import EAST, NORTH, UP
+from pl_mc.input_errors import InputError
 from pl_mc.kernels.outcome import Outcome
 
 # A larger last step of a position component, and the iteration has not settled [m].
@@ -57,12 +58,31 @@ def _judged(axis: str) -> tuple[int, ...]:
     return tuple((VERTICAL, HORIZONTAL).index(limit) for limit in judged_by(axis))
 
 
+def levels_of(outcome: Outcome, axis: str) -> list[Array]:
+    """The protection levels that an axis judges [m], the vertical one first.
+
+    Raises:
+        InputError: a method without one of them.
+    """
+    levels = [(outcome.vpl_m, outcome.hpl_m)[k] for k in _judged(axis)]
+    missing = [name for name, level in zip(judged_by(axis), levels, strict=True) if level is None]
+    if missing:
+        raise InputError(f"axes: one of the methods has no {missing[0]} level, so that {axis} cannot decide.")
+    return levels
+
+
+def sizes_and_levels(outcome: Outcome, axis: str) -> list[tuple[Array, Array]]:
+    """The size of each error that an axis judges, and its protection level [m], the vertical one first."""
+    east, north, up = (outcome.error_m[k] for k in (EAST, NORTH, UP))
+    sizes = (lambda: jnp.abs(up), lambda: jnp.hypot(east, north))
+    return [(sizes[k](), level) for k, level in zip(_judged(axis), levels_of(outcome, axis), strict=True)]
+
+
 def alarms(outcome: Outcome, limits_m: Array | NDArray, axis: str = VERTICAL) -> Array:
     """(...), whether each scenario alarms; ``limits_m`` (2,) are VAL and HAL."""
-    levels = (outcome.vpl_m, outcome.hpl_m)
     alarm = ~outcome.available | outcome.rejects
-    for k in _judged(axis):
-        alarm = alarm | (levels[k] > limits_m[k])
+    for k, level in zip(_judged(axis), levels_of(outcome, axis), strict=True):
+        alarm = alarm | (level > limits_m[k])
     return alarm
 
 
@@ -78,12 +98,11 @@ def tied(outcome: Outcome) -> Array:
 
 def events(outcome: Outcome, limits_m: Array, axis: str = VERTICAL) -> Array:
     """(events, ...), which of `EVENTS` each scenario is; ``limits_m`` (2,) are VAL and HAL."""
-    error = outcome.error_m
-    levels = (outcome.vpl_m, outcome.hpl_m)
-    errors = (jnp.abs(error[UP]), jnp.hypot(error[EAST], error[NORTH]))
-    alarm, judged = alarms(outcome, limits_m, axis), _judged(axis)
-    hazard = outcome.available & functools.reduce(jnp.logical_or, [errors[k] > limits_m[k] for k in judged])
-    exceeded = outcome.available & functools.reduce(jnp.logical_or, [errors[k] > levels[k] for k in judged])
+    alarm, judged = alarms(outcome, limits_m, axis), sizes_and_levels(outcome, axis)
+    limits = [limits_m[k] for k in _judged(axis)]
+    beyond_limit = [size > limit for (size, _), limit in zip(judged, limits, strict=True)]
+    hazard = outcome.available & functools.reduce(jnp.logical_or, beyond_limit)
+    exceeded = outcome.available & functools.reduce(jnp.logical_or, [size > level for size, level in judged])
     return jnp.stack(
         [
             alarm,

@@ -19,7 +19,7 @@ class Outcome:
 
     Attributes:
         error_m: (3, ...), east, north, up error of its position [m].
-        hpl_m, vpl_m: (...), protection levels [m].
+        hpl_m, vpl_m: (...), protection levels [m]; HPL is None of a method that no horizontal limit can judge.
         available: (...), whether there is a solution; where not, the numbers are infinite and count for nothing.
         rejects: (...), whether the method's own test rejects the scenario; all False for methods without a test.
         change_m: (...), largest change of a position component in the last iteration [m]; None without iterations.

@@ -124,7 +124,8 @@ def require_k(method: Method, axis: str = VERTICAL) -> None:
         raise refusal(method, "scales_with_k", able=scales_with_k, field="method")
     name = _k_field(method, axis)
     if not dataclasses.is_dataclass(method) or name not in method.__dataclass_fields__:
-        raise InputError(f"method: {method.name}: scales_with_k: {name!r} is no field of this dataclass.")
+        level = "" if axis == VERTICAL else f", the multiplier of its {axis} level"
+        raise InputError(f"method: {method.name}: scales_with_k: {name!r} is no field of this dataclass{level}.")
 
 
 def k_of(method: Method, axis: str = VERTICAL) -> float:

@@ -112,7 +112,7 @@ def chart_data(
             for menu, values, first in zip(menus, choices, begin, strict=True)
         ],
         "quantities": [
-            {"label": quantity.label, "rate": quantity.is_rate, "limit": _limit(quantity.value, limits)}
+            {"label": quantity.label, "rate": quantity.is_rate, **_limit(quantity.value, limits)}
             for quantity in quantities
         ],
         "log": chart.logarithmic,
@@ -120,9 +120,9 @@ def chart_data(
     }
 
 
-def _limit(column: str, limits: Mapping[str, tuple[str, float | None]]) -> dict[str, Any] | None:
+def _limit(column: str, limits: Mapping[str, tuple[str, float | None]]) -> dict[str, Any]:
     name, limit_m = limits.get(column.partition("_")[0], ("", None))
-    return None if limit_m is None else {"name": name, "m": limit_m}
+    return {} if limit_m is None else {"limit": {"name": name, "m": limit_m}}
 
 
 def _place(value: Any, values: Sequence[str]) -> int:

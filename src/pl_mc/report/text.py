@@ -117,9 +117,9 @@ def grouped(pairs: Iterable[tuple[Key, Value]]) -> dict[Key, list[Value]]:
     return groups
 
 
-def by_method(rows: Iterable[Any], words: Callable[[Any], str]) -> str:
+def by_method(rows: Iterable[Any], words: Callable[[Any], str], axis: str = VERTICAL) -> str:
     """``least squares (VPL) in 3 of 200; IGG-III (VPL_R) in 2 of 200``: words about rows that have a method."""
-    return "; ".join(f"{method_label(str(row.method))} {words(row)}" for row in rows)
+    return "; ".join(f"{method_label(str(row.method), axis)} {words(row)}" for row in rows)
 
 
 def span(low: int, high: int, between: str = "-") -> str:

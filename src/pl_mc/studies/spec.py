@@ -27,7 +27,7 @@ from pydantic import (
 )
 from pydantic_core import PydanticCustomError
 
-from pl_mc.alert import AXES, OPERATIONS, VERTICAL, AlertLimits, Judged, as_alert, as_axes, as_limits
+from pl_mc.alert import AXES, EITHER, OPERATIONS, VERTICAL, AlertLimits, Judged, as_alert, as_axes, as_limits
 from pl_mc.constants import MOST_SATELLITES
 from pl_mc.engine.checks import LARGEST_DRAWS, LARGEST_SEED
 from pl_mc.error_models import ErrorModel, error_model
@@ -259,7 +259,9 @@ class ByAxes(Experiment):
             one unless given, the horizontal one where there is no other.
     """
 
+    # How many axes a kind judges by at a time, and whether either limit may decide.
     most_axes: ClassVar[int] = len(AXES)
+    takes_either: ClassVar[bool] = True
 
     axes: tuple[str, ...] | None = None
 
@@ -275,6 +277,10 @@ class ByAxes(Experiment):
                 raise PydanticCustomError("axes", "{rule}", {"rule": str(error).removeprefix("axes: ")}) from None
             if len(axes) > cls.most_axes:
                 raise PydanticCustomError("axes", "this kind of experiment judges by one axis at a time")
+            if EITHER in axes and not cls.takes_either:
+                raise PydanticCustomError(
+                    "axes", "this kind of experiment has one error and one level; choose vertical or horizontal"
+                )
         return named
 
     def alert_limits(self) -> AlertLimits:

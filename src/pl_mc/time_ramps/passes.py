@@ -7,7 +7,7 @@ every method at every rate.
 To compare methods of single epochs at one false-alarm rate each needs a statistic whose threshold can be moved.
 Here it is a ratio that is 1 at the method's nominal alarm: its test statistic over the threshold
 (`pl_mc.methods.capabilities`), of which exclusions and levels that depend on the geometry alone are no part; else,
-where the level is a multiple of K, VPL / VAL, so that another threshold is another multiplier.
+where the level is a multiple of K, level / limit, so that another threshold is another multiplier.
 """
 
 from __future__ import annotations
@@ -21,8 +21,11 @@ import jax.numpy as jnp
 import numpy as np
 from jax import Array
 
+from pl_mc.alert import VERTICAL
+from pl_mc.constants import EAST, NORTH, UP
 from pl_mc.engine.core import EpochBatch, prepare_epoch
 from pl_mc.kernels import LeastSquaresSolution, LinearModel
+from pl_mc.kernels.events import sizes_and_levels
 from pl_mc.kernels.linear_model import product
 from pl_mc.kernels.parameters import Trees, as_trees, of_trees
 from pl_mc.kernels.scenarios import each_fault
@@ -47,7 +50,7 @@ class PassPlan:
         sigma_m: (T, m) [m].
         ramp_m: (T, m), the ramp of 1 m/s [m].
         correlation, share: () of the correlated part of the errors.
-        vertical_m: (), VAL [m].
+        limit_m: (), alert limit of the axis [m].
         sequential: what the sequential tests make of them.
     """
 
@@ -57,7 +60,7 @@ class PassPlan:
     ramp_m: Array
     correlation: Array
     share: Array
-    vertical_m: Array
+    limit_m: Array
     sequential: tuple[SequentialPlan, ...]
 
 
@@ -69,8 +72,8 @@ class Watched:
     Attributes:
         largest: largest ratio of statistic and nominal threshold.
         alarm: samples from the onset to the first alarm; -1 for none.
-        hazard: samples from the onset to the first error beyond VAL; -1 for none.
-        error_m: the vertical error's size at the alarm [m]; zero without one.
+        hazard: samples from the onset to the first error beyond the limit; -1 for none.
+        error_m: the error's size at the alarm [m]; zero without one.
     """
 
     largest: Array
@@ -96,7 +99,7 @@ class Signals:
 
 
 def pass_plan(
-    tests: tuple[Test, ...], rows: Rows, noise: NoiseInTime, ramp_m: np.ndarray, onset: int, vertical_m: float
+    tests: tuple[Test, ...], rows: Rows, noise: NoiseInTime, ramp_m: np.ndarray, onset: int, limit_m: float
 ) -> PassPlan:
     """Everything that the geometry and the correlation of the errors decide; in double precision."""
     methods = snapshot_methods(tests)
@@ -118,7 +121,7 @@ def pass_plan(
         ramp_m=jnp.asarray(ramp_m),
         correlation=jnp.asarray(noise.correlation(rows.interval_s)),
         share=jnp.asarray(noise.share),
-        vertical_m=jnp.asarray(vertical_m),
+        limit_m=jnp.asarray(limit_m),
         sequential=tuple(t.plan(rows, noise, ramp_m, onset) for t in tests if isinstance(t, SequentialTest)),
     )
 
@@ -129,22 +132,28 @@ def has_ratio(method: object) -> bool:
 
 
 def alarm_ratio(
-    method: Method, model: LinearModel, prepared: Any, start: LeastSquaresSolution, vertical_m: Array
+    method: Method, model: LinearModel, prepared: Any, start: LeastSquaresSolution, limit_m: Array, axis: str
 ) -> tuple[Array, Array]:
-    """The statistic over its nominal threshold and the up error [m], each (lanes,).
+    """The statistic over its nominal threshold and the size of the error on the axis [m], each (lanes,).
 
     A test guards the position of least squares, a level the method's own. Where there is no solution the ratio is
     infinite and so is the error; where a test beside a level rejects the ratio alone, an alarm for any multiplier.
     """
     test = statistic(method)
     if test is not None:
-        ratio, up_m = test(model, prepared, start), start.state[2]
+        ratio, size_m = test(model, prepared, start), size_on(axis, start.state)
         available = model.available & jnp.isfinite(ratio)
     else:
         outcome = method.solve(model, prepared, start)
-        ratio, up_m, available = outcome.vpl_m / vertical_m, outcome.error_m[2], outcome.available
+        ((size_m, level_m),) = sizes_and_levels(outcome, axis)
+        ratio, available = level_m / limit_m, outcome.available
         ratio = jnp.where(outcome.rejects, jnp.inf, ratio)
-    return jnp.where(available, ratio, jnp.inf), jnp.where(available, up_m, jnp.inf)
+    return jnp.where(available, ratio, jnp.inf), jnp.where(available, size_m, jnp.inf)
+
+
+def size_on(axis: str, state: Array) -> Array:
+    """(...), the size of the error (position unknowns, ...) on an axis [m]."""
+    return jnp.abs(state[UP]) if axis == VERTICAL else jnp.hypot(state[EAST], state[NORTH])
 
 
 def snapshot_methods(tests: tuple[Test, ...]) -> tuple[Method, ...]:
@@ -184,10 +193,10 @@ def fault_free_signals(plan: PassPlan, key: Array) -> Signals:
     return jax.lax.scan(at_epoch, (jnp.zeros((rows, LANES)), start), xs)[1]
 
 
-@functools.partial(jax.jit, static_argnames=("onset",))
+@functools.partial(jax.jit, static_argnames=("onset", "axis"))
 def watch_block(
     plan: PassPlan, seed: Array, purpose: Array, block: Array, rates: Array, thresholds: Array,
-    trees: Trees, *, onset: int,
+    trees: Trees, *, onset: int, axis: str = VERTICAL,
 ) -> Watched:  # fmt: skip
     """One block of passes with ramps that begin at the sample ``onset``.
 
@@ -217,21 +226,21 @@ def watch_block(
 
         def ask(start: LeastSquaresSolution, _: Array) -> tuple[list[tuple[Array, Array]], Array]:
             asked = [
-                alarm_ratio(method, model, made, start, plan.vertical_m)
+                alarm_ratio(method, model, made, start, plan.limit_m, axis)
                 for method, made in zip(methods, prepared, strict=True)
             ]
-            return asked, start.state[2]
+            return asked, size_on(axis, start.state)
 
-        asked, ls_up_m = each_fault(model, epoch, noise, ask)
+        asked, ls_size_m = each_fault(model, epoch, noise, ask)
         sequential = []
         parts = zip(plan.sequential, windows, signals.sums, ups, up_ramps, strict=True)
         for each, own, total, up, up_ramp in parts:
-            up_m = up[None] + rates[:, None] * up_ramp if each.own_position else ls_up_m
-            sequential.append((largest_ratio(own, sums(total, own, time), rates), up_m))
+            size_m = jnp.abs(up[None] + rates[:, None] * up_ramp) if each.own_position else ls_size_m
+            sequential.append((largest_ratio(own, sums(total, own, time), rates), size_m))
         single, others = iter(asked), iter(sequential)
         pairs = [next(others if isinstance(test, SequentialTest) else single) for test in tests]
-        stacked = jnp.stack([ratio for ratio, _ in pairs]), jnp.stack([up_m for _, up_m in pairs])
-        return watch_sample(watched, time - onset, *stacked, thresholds, plan.vertical_m), None
+        stacked = jnp.stack([ratio for ratio, _ in pairs]), jnp.stack([size_m for _, size_m in pairs])
+        return watch_sample(watched, time - onset, *stacked, thresholds, plan.limit_m), None
 
     shape = (len(tests), rates.shape[0], LANES)
     never = jnp.full(shape, -1, jnp.int32)
@@ -247,15 +256,14 @@ def watch_block(
 
 
 def watch_sample(
-    before: Watched, time: Array, ratios: Array, errors_m: Array, thresholds: Array, vertical_m: Array
+    before: Watched, time: Array, ratios: Array, size_m: Array, thresholds: Array, limit_m: Array
 ) -> Watched:
     """What became of the passes with one more sample, ``time`` samples since the onset.
 
-    ``ratios``, ``errors_m``: (methods, rates, lanes), statistic over nominal threshold and vertical error [m].
+    ``ratios``, ``size_m``: (methods, rates, lanes), statistic over nominal threshold and size of the error [m].
     """
-    size_m = jnp.abs(errors_m)
     # Where there is no solution there is an alarm and no error.
-    hazard = jnp.isfinite(size_m) & (size_m > vertical_m)
+    hazard = jnp.isfinite(size_m) & (size_m > limit_m)
     # No threshold keeps a method quiet that has no solution.
     alarms = (ratios > thresholds[:, None, None]) | jnp.isinf(ratios)
     begins = alarms & (before.alarm < 0)

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from typing import Any
+from typing import Any, Literal
 
 import jax
 import jax.numpy as jnp
@@ -13,7 +13,7 @@ import pandas as pd
 from numpy.typing import ArrayLike, NDArray
 from scipy import stats
 
-from pl_mc.alert import LPV_200, AlertLimits
+from pl_mc.alert import EITHER, LPV_200, VERTICAL, AlertLimits, as_axis
 from pl_mc.arrays import FloatArray, ordinary_arithmetic
 from pl_mc.engine.calls import Chunk, Cut, run_calls
 from pl_mc.engine.checks import LARGEST_SEED, require_geometry_and_alert
@@ -61,6 +61,7 @@ def time_to_alert(
     p_fa: float = 0.01,
     calibration_draws: int = 4000,
     alert: str | AlertLimits = LPV_200,
+    axis: Literal["vertical", "horizontal"] | None = None,
     progress: bool | None = None,
 ) -> pd.DataFrame:
     """How long an error that grows on one satellite stays unseen, method by method, at equal false-alarm rates.
@@ -71,7 +72,7 @@ def time_to_alert(
     ``p_fa`` of passes has at least one alarm, and the share is counted again on others.
 
     An alarm is the first sample from the onset on at which the method's statistic is beyond its threshold; the
-    hazard begins with the first at which the vertical error is beyond VAL, even if noise takes it back again. The
+    hazard begins with the first at which the error is beyond the limit, even if noise takes it back again. The
     time to alert is the difference; it is negative where the alarm comes first. Errors are those of the position
     that a method guards: IGG-III's own and other M-estimates' own, a Kalman filter's own if asked for, else that of
     least squares. What each statistic is: `pl_mc.time_ramps.passes`, `SequentialParity`, `KalmanInnovation`.
@@ -89,21 +90,24 @@ def time_to_alert(
         p_fa: false-alarm probability of a pass.
         calibration_draws: fault-free passes for the thresholds, and as many to count false alarms.
         alert: alert limits.
+        axis: whose error, level and limit these are: ``vertical``, or ``horizontal`` for the length of the horizontal
+            error, HPL and HAL; the vertical one unless given, the horizontal one where there is no other limit.
         progress: whether to show a progress bar; where standard error is a terminal unless given.
 
     Returns:
         One row per rate and method:
 
-        - ``tau_s, share, rate_m_per_s, method``, ``threshold`` (of the ratio to the method's nominal one), and
+        - ``tau_s, share, rate_m_per_s, method`` (and ``axis`` where one was given or the horizontal limit decides),
+          ``threshold`` (of the ratio to the method's nominal one), and
           ``false_alarms`` in ``false_alarm_passes``, ``false_alarm_rate, _low, _high``; the threshold is infinite
           where a method has no solution, or a test beside its level rejects, in more than a share ``p_fa`` of
           fault-free passes, so that none can keep the rate: it alarms there, and must not be compared;
         - ``passes, monitored_s``; ``detected`` passes with an alarm, ``detected_rate, _low, _high``;
-        - ``hazards``, passes with an error beyond VAL;
+        - ``hazards``, passes with an error beyond the limit;
         - quantiles ``X_50_s`` and ``X_95_s`` with bounds ``X_50_low_s``, ... of X = ``alert_after_onset`` over all
           passes and X = ``alert_after_hazard`` over those with a hazard; infinite where that share of passes had no
           alarm before the end, NaN where there was no hazard;
-        - the same of ``error_at_alert`` [m], the size of the vertical error at the alarm, over detected passes;
+        - the same of ``error_at_alert`` [m], the size of the error at the alarm, over detected passes;
         - for each limit L of 6, 10 and 30 s: ``within_L`` of ``decided_L`` passes with a hazard had the alarm at
           most L after it began, ``within_L_rate, _low, _high``; ``undecided_L`` passes ended before L had
           gone by and are left out, with an alarm or without (to keep those with one would favour short times);
@@ -115,7 +119,10 @@ def time_to_alert(
     Raises:
         InputError: what cannot be used.
     """
-    alert = require_geometry_and_alert(g_series, alert)
+    alert = require_geometry_and_alert(g_series, alert, any_axis=True)
+    if axis == EITHER:
+        raise InputError("axis: a time to alert is that of one error; choose vertical or horizontal.")
+    judged = as_axis(axis, alert)
     rows = rows_by_satellite(g_series)
     noise = NoiseInTime(tau_s=tau_s, share=share)
     tests = fit_for(as_tests(methods), g_series)
@@ -132,7 +139,9 @@ def time_to_alert(
         )
     ramp_m = unit_ramp_m(rows, satellite, onset)
     with precision_scope("float64"):
-        plan = pass_plan(tests, rows, noise, ramp_m, onset, alert.val_m)
+        plan = pass_plan(tests, rows, noise, ramp_m, onset, alert.limit_m[judged])
+    if judged != VERTICAL and any(each.own_position for each in plan.sequential):
+        raise InputError("axis: the position of a Kalman filter's own is vertical alone; let it guard least squares.")
     free, last = (Cut(epoch_count=1, draws=n, epochs_per_call=1, blocks_per_call=1) for n in (calibration_draws, draws))
     with progress_bar(total=2 * free.blocks + last.blocks, what="Passes", show=progress) as advance:
 
@@ -142,7 +151,7 @@ def time_to_alert(
             def of_block(_: Chunk, block: np.int32, *others: np.int32) -> Watched:
                 return watch_block(
                     plan, np.uint32(seed), np.uint32(purpose), np.uint32(block), jnp.asarray(sizes),
-                    jnp.asarray(thresholds), as_trees(tests), onset=onset,
+                    jnp.asarray(thresholds), as_trees(tests), onset=onset, axis=judged,
                 )  # fmt: skip
 
             parts = []
@@ -156,7 +165,10 @@ def time_to_alert(
         thresholds = calibrated(watch(_CALIBRATION, free, np.zeros(1), never).largest[:, 0], p_fa)
         checked = watch(_CHECK, free, np.zeros(1), thresholds).alarm[:, 0] >= 0
         seen = watch(_RAMPS, last, rates, thresholds)
-    return _table(rows, onset, noise, tests, rates, thresholds, checked, seen)
+    table = _table(rows, onset, noise, tests, rates, thresholds, checked, seen)
+    if axis is not None or judged != VERTICAL:
+        table.insert(table.columns.get_loc("method") + 1, "axis", judged)
+    return table
 
 
 def sequential(name: str, **options: Any) -> SequentialTest:

@@ -22,7 +22,7 @@ import pandas as pd
 from numpy.typing import ArrayLike
 from scipy import special
 
-from pl_mc.alert import LPV_200, AlertLimits, as_axis
+from pl_mc.alert import LPV_200, VERTICAL, AlertLimits, as_axis
 from pl_mc.arrays import FloatArray, ordinary_arithmetic
 from pl_mc.engine.checks import LARGEST_SEED, require_bounded, require_geometry_and_alert, require_single
 from pl_mc.faults import Faults, fault_label
@@ -195,7 +195,8 @@ def risk_budget(
         found = _estimated_conditionals(g, epochs, modes, sizes, estimate, options, draws=min(draws, 64), seed=seed)
     rest = not_monitored(modes, [*satellite_priors, *constellation_priors.values()])
     table = _table(modes, found, rest, samples, target)
-    table.attrs["axis"] = judged
+    if axis is not None or judged != VERTICAL:
+        table.attrs["axis"] = judged
     return table
 
 

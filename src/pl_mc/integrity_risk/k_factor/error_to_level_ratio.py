@@ -20,8 +20,9 @@ from pl_mc.arrays import FloatArray
 from pl_mc.faults import Faults
 from pl_mc.geometry.record import Geometry
 from pl_mc.injection import at_epoch
-from pl_mc.integrity_risk.rare.limit_state import EpochState, sizes_and_levels
+from pl_mc.integrity_risk.rare.limit_state import EpochState
 from pl_mc.integrity_risk.rare.subset import Coordinates
+from pl_mc.kernels.events import sizes_and_levels
 from pl_mc.methods.base import Method, Outcome
 from pl_mc.methods.capabilities import with_k
 

@@ -22,7 +22,7 @@ from pl_mc.arrays import FloatArray
 from pl_mc.geometry.record import EAST, NORTH, POSITION_UNKNOWNS, UP, Geometry
 from pl_mc.ism import satellite_codes
 from pl_mc.kernels import linear_model, start_from
-from pl_mc.kernels.events import unconverged
+from pl_mc.kernels.events import sizes_and_levels, unconverged
 from pl_mc.kernels.parameters import Trees, as_trees, of_trees
 from pl_mc.methods.base import Method, Outcome
 from pl_mc.noise_models import GAUSSIAN, NoiseModel
@@ -152,7 +152,7 @@ class EpochState(InCoordinates):
     event: str
     limits_m: float | tuple[float, ...]
     coordinates: Rotation
-    axis: str = VERTICAL
+    axis: str = field(default=VERTICAL, kw_only=True)
     satellite: NDArray[np.int32] | None = field(default=None, kw_only=True)
 
     @classmethod
@@ -166,7 +166,7 @@ class EpochState(InCoordinates):
         turned = rotation(design, sigma, seen, bias, axis) if coordinates is None else coordinates
         limits_m = tuple(alert.limit_m[one] for one in judged_by(axis))
         codes = satellite_codes(series, series.satellite[epoch])
-        return cls(design, sigma, seen, bias, method, event, limits_m, turned, axis, satellite=codes, **options)
+        return cls(design, sigma, seen, bias, method, event, limits_m, turned, axis=axis, satellite=codes, **options)
 
     def computed(self, points: FloatArray, of: OfOutcome, event: Any, noise_model: NoiseModel = GAUSSIAN) -> FloatArray:
         """(N,), what a function of outcomes makes of points (N, dimension), call by call; see `OfOutcome`."""
@@ -232,16 +232,6 @@ def _by_place(outcome: Outcome, limits_m: Array, event: Array, axis: str) -> Arr
     """The limit state of an event by its place in `RISK_EVENTS`."""
     # All of them cost next to nothing, and one compiled function serves every event.
     return jnp.stack([limit_state(outcome, limits_m, name, axis) for name in RISK_EVENTS])[event]
-
-
-def sizes_and_levels(outcome: Outcome, axis: str) -> list[tuple[Array, Array]]:
-    """The size of each error that an axis judges, and its protection level [m], the vertical one first."""
-    error = outcome.error_m
-    both = {
-        VERTICAL: lambda: (jnp.abs(error[UP]), outcome.vpl_m),
-        HORIZONTAL: lambda: (jnp.hypot(error[EAST], error[NORTH]), outcome.hpl_m),
-    }
-    return [both[one]() for one in judged_by(axis)]
 
 
 def limit_state(outcome: Outcome, limits_m: Array | float, event: str, axis: str = VERTICAL) -> Array:

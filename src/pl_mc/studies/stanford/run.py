@@ -1,11 +1,11 @@
-"""Experiments of the kind ``stanford``: vertical error against protection level over many scenarios."""
+"""Experiments of the kind ``stanford``: error against protection level over many scenarios."""
 
 from __future__ import annotations
 
 from collections.abc import Iterator, Mapping
 from contextlib import suppress
 from functools import partial
-from typing import Any, Literal
+from typing import Any, ClassVar, Literal
 
 import numpy as np
 import pandas as pd
@@ -16,25 +16,17 @@ from matplotlib.patches import Polygon
 from numpy.typing import NDArray
 from pydantic import Field
 
-from pl_mc.alert import AlertLimits
+from pl_mc.alert import VERTICAL, Judged
 from pl_mc.engine import Execution
 from pl_mc.engine.stanford import REGIONS, Grid, StanfordCounts, stanford_counts
 from pl_mc.faults import Faults, no_fault, ramps, require_satellite
 from pl_mc.geometry import Geometry
 from pl_mc.input_errors import InputError
 from pl_mc.report.document import Summary, TextTable
-from pl_mc.report.figures import DASHED, method_label, new_figure, note
-from pl_mc.report.findings import Findings, Table, picture
+from pl_mc.report.figures import DASHED, in_common_look, method_label, new_figure, note
+from pl_mc.report.findings import Findings, Picture, Table
 from pl_mc.report.text import by_method, method_key, row_rate
-from pl_mc.studies.spec import (
-    Distinct,
-    Experiment,
-    ListedFaults,
-    RampSizes,
-    SimulatedGeometry,
-    SizesOrFaults,
-    scaled_noise,
-)
+from pl_mc.studies.spec import ByAxes, Distinct, ListedFaults, RampSizes, SimulatedGeometry, SizesOrFaults, scaled_noise
 from pl_mc.studies.study import Check, Work, refuse
 
 # The regions that are parts of the plane.
@@ -44,7 +36,7 @@ _IN_PLANE = 6
 _SCENARIOS_PER_S = 3.4e5
 
 _MEANS = {
-    "misleading": "The vertical error is beyond the protection level but within the alert limit, without alarm",
+    "misleading": "The {error} is beyond the protection level but within the alert limit, without alarm",
     "hazardously misleading": "It is beyond the alert limit without alarm (hazardously misleading)",
     "system unavailable": "The protection level is above the alert limit (an alarm)",
 }
@@ -55,7 +47,7 @@ _MISLEADING, _HAZARDOUS, _UNAVAILABLE = "#FBE7D3", "#F3C6AE", "0.93"
 _COLOURS = "viridis_r"
 
 
-class StanfordExperiment(Experiment):
+class StanfordExperiment(ByAxes):
     """Scenarios of a series, put into cells.
 
     Attributes:
@@ -66,6 +58,9 @@ class StanfordExperiment(Experiment):
         satellites: satellites that get the ramp, one at a time; all of the geometry unless given.
         reach_m, cell_m: where the cells end, and how wide they are [m].
     """
+
+    most_axes: ClassVar[int] = 1
+    takes_either: ClassVar[bool] = False
 
     kind: Literal["stanford"] = "stanford"
     draws: int = Field(ge=1)
@@ -79,20 +74,31 @@ class StanfordExperiment(Experiment):
 
 def run(experiment: StanfordExperiment, execution: Execution) -> Findings:
     """Counts by cell and by region, and the diagram."""
-    alert, grid = experiment.alert_limits(), Grid(experiment.reach_m, experiment.cell_m)
-    grid.require_limit(alert.val_m)
+    (judged,), grid = experiment.judged(), Grid(experiment.reach_m, experiment.cell_m)
+    ((_, _, limit_m),) = judged.levels
+    grid.require_limit(limit_m)
     g = scaled_noise(experiment.geometry.build(), experiment.noise_scale)
     counts = stanford_counts(
         g, _faults(experiment, g), draws=experiment.draws, seed=experiment.seed,
-        methods=experiment.method_records(), alert=alert, grid=grid, precision=experiment.precision,
-        workers=execution.workers, progress=execution.progress,
+        methods=experiment.method_records(), alert=judged.alert, grid=grid, axis=judged.axis,
+        precision=experiment.precision, workers=execution.workers, progress=execution.progress,
     )  # fmt: skip
-    regions = counts.regions()
+    regions, cells = counts.regions(), counts.cells()
+    if judged.axis != VERTICAL or experiment.asked_axes() is not None:
+        for table in (regions, cells):
+            table.insert(1, "axis", judged.axis)
     plane = counts.counts[:, :_IN_PLANE].sum(axis=1)
     return Findings(
         summary=summary(experiment, g, counts, regions),
-        tables=(Table("stanford", counts.cells()), Table("regions", regions)),
-        pictures=(stanford_figure(plane, regions, grid.edges_m, alert=alert, title=experiment.title),),
+        tables=(Table("stanford", cells), Table("regions", regions)),
+        pictures=(
+            Picture(
+                "stanford",
+                stanford_figure(plane, regions, grid.edges_m, judged=judged, title=experiment.title),
+                f"{judged.axis.capitalize()} error against {judged.axis} protection level, number of scenarios in each "
+                "cell.",
+            ),
+        ),
         notes=g.notes,
     )
 
@@ -110,7 +116,7 @@ def checks(experiment: StanfordExperiment, g: Geometry | None) -> Iterator[Check
     """The plane holds the alert limit, and satellites have a ramp."""
     # Wrong limits are told of as such.
     with suppress(InputError):
-        limit_m = experiment.alert_limits().val_m
+        ((_, _, limit_m),) = experiment.judged()[0].levels
         yield "reach_m", lambda: Grid(experiment.reach_m, experiment.cell_m).require_limit(limit_m)
     if not isinstance(experiment.faults, RampSizes) and experiment.satellites:
         yield "satellites", lambda: refuse("they get a ramp, which faults has to give.")
@@ -131,7 +137,8 @@ def _faults(experiment: StanfordExperiment, g: Geometry) -> Faults:
 
 def summary(experiment: StanfordExperiment, g: Geometry, counts: StanfordCounts, regions: pd.DataFrame) -> Summary:
     """The blocks of the summary; ``regions`` is the table of that name."""
-    alert, sizes = experiment.alert_limits(), experiment.faults
+    (judged,), sizes = experiment.judged(), experiment.faults
+    (called,) = judged.called
     by_region = regions.set_index(["region", "method"])
     rows = []
     for region in REGIONS:
@@ -148,27 +155,29 @@ def summary(experiment: StanfordExperiment, g: Geometry, counts: StanfordCounts,
     epochs = f"{len(g)} epochs" if g.is_series else f"epoch {int(g.epoch)}"
     return (
         f"{epochs}, {what}; {experiment.draws:,} draws each, seed {experiment.seed}, sigma times "
-        f"{experiment.noise_scale:g}: {counts.scenarios:,} scenarios a method. {alert.name}, VAL "
-        f"{alert.vertical_m:g} m. Rates over all scenarios with 95 % bounds that count each noise draw once "
+        f"{experiment.noise_scale:g}: {counts.scenarios:,} scenarios a method. {judged.alert.name}, "
+        f"{judged.limits()}. Rates over all scenarios with 95 % bounds that count each noise draw once "
         f"({counts.independent_draws:,}), since all faults of an epoch share its noise. They are means over "
         "the faults of this run, not risks of a flight: a fault has no probability here.",
         TextTable.of(["region", *(f"{word}, {m}" for m in counts.methods for word in ("count", "rate"))], rows),
-        "system unavailable: VPL > VAL, an alarm. misleading: error beyond the level without an alarm, but "
-        "within VAL. hazardously misleading: beyond VAL, which is a missed detection. Together they are what a "
-        "sweep calls misleading.",
-        method_key(counts.methods),
+        f"system unavailable: {judged.alarm}, an alarm. misleading: error beyond the level without an alarm, but "
+        f"within {called.limit}. hazardously misleading: beyond {called.limit}, which is a missed detection. Together "
+        "they are what a sweep calls misleading.",
+        method_key(counts.methods, judged.axis),
     )
 
 
 def answer(tables: Mapping[str, pd.DataFrame], experiment: StanfordExperiment) -> tuple[str, ...]:
     """How often misleading, hazardously misleading and unavailable."""
-    rows = list(tables["regions"].itertuples())
+    rows, (judged,) = list(tables["regions"].itertuples()), experiment.judged()
+    (called,) = judged.called
 
     def in_rate(row: Any) -> str:
         return f"in {_rate(row._asdict())}"
 
     return tuple(
-        f"{means}: {by_method((row for row in rows if row.region == region), in_rate)} of all scenarios."
+        f"{means.format(error=called.error)}: "
+        f"{by_method((row for row in rows if row.region == region), in_rate, judged.axis)} of all scenarios."
         for region, means in _MEANS.items()
     )
 
@@ -177,9 +186,9 @@ def _rate(row: Any) -> str:
     return row_rate(row, "count", "scenarios")
 
 
-@picture("stanford", "Vertical error against vertical protection level, number of scenarios in each cell.")
+@in_common_look
 def stanford_figure(
-    plane: NDArray[np.int64], regions: pd.DataFrame, edges_m: NDArray[np.float64], *, alert: AlertLimits, title: str
+    plane: NDArray[np.int64], regions: pd.DataFrame, edges_m: NDArray[np.float64], *, judged: Judged, title: str
 ) -> Figure:
     """One panel per method, all with the same axes and colours.
 
@@ -187,10 +196,10 @@ def stanford_figure(
         plane: (methods, cells + 1, cells + 1), counts by cell of error and level; the last of each axis is beyond.
         regions: ``method, region, count, scenarios, rate, low, high``, methods in the order of ``plane``.
         edges_m: (cells + 2,), edges of the cells, the last infinite [m].
-        alert: alert limits; the vertical one is drawn.
+        judged: the axis with its limit, which is drawn.
         title: heading.
     """
-    methods = list(dict.fromkeys(regions.method))
+    methods, (called,), ((_, _, limit_m),) = list(dict.fromkeys(regions.method)), judged.called, judged.levels
     width_in = 4.55 * len(methods) + 1.0
     figure, axes = new_figure(1, len(methods), width_in=width_in, height_in=5.1, title=title, sharey=True)
     reach = edges_m[-2]
@@ -203,27 +212,27 @@ def stanford_figure(
     ticks, labels = [*ticks, reach + gap + strip / 2], [*(f"{tick:g}" for tick in ticks), f"> {reach:g}"]
     options: Any = {"norm": norm, "cmap": _COLOURS, "rasterized": True, "zorder": 2}
     for panel, method, counts in zip(axes, methods, plane, strict=True):
-        _regions(panel, alert.val_m, reach, end)
+        _regions(panel, limit_m, called.limit, reach, end)
         shown = np.ma.masked_equal(counts.T, 0)  # rows are levels
         for x, columns in ((inner, np.s_[:-1]), (beyond, np.s_[-1:])):
             panel.pcolormesh(x, inner, shown[:-1, columns], **options)
             panel.pcolormesh(x, beyond, shown[-1:, columns], **options)
         panel.axhline(reach + gap / 2, color="white", linewidth=2.5, zorder=2.5)
         panel.axvline(reach + gap / 2, color="white", linewidth=2.5, zorder=2.5)
-        _numbers(panel, regions[regions.method == method].set_index("region"), alert.val_m, reach)
-        panel.set(xlim=(0, end), ylim=(0, end), xlabel="|vertical error| [m]", aspect="equal")
+        _numbers(panel, regions[regions.method == method].set_index("region"), limit_m, reach)
+        panel.set(xlim=(0, end), ylim=(0, end), xlabel=f"{called.size} [m]", aspect="equal")
         panel.set_xticks(ticks, labels)
         panel.set_yticks(ticks, labels)
         panel.grid(visible=False)
-        panel.set_title(method_label(method))
-    axes[0].set_ylabel("vertical protection level [m]")
+        panel.set_title(method_label(method, judged.axis))
+    axes[0].set_ylabel(f"{judged.axis} protection level [m]")
     cell = edges_m[1] - edges_m[0]
     bar = figure.colorbar(axes[0].collections[0], ax=axes, pad=0.012, shrink=0.86)
     bar.set_label(f"scenarios in a cell of {cell:g} m by {cell:g} m, or beyond {reach:g} m")
     return figure
 
 
-def _regions(panel: Axes, limit: float, reach: float, end: float) -> None:
+def _regions(panel: Axes, limit: float, name: str, reach: float, end: float) -> None:
     """The regions as shades, with the diagonal and the alert limit."""
     for corners, colour in (
         ([(0, 0), (limit, 0), (limit, limit)], _MISLEADING),
@@ -235,7 +244,7 @@ def _regions(panel: Axes, limit: float, reach: float, end: float) -> None:
     for ends in (([0, end], [limit, limit]), ([limit, limit], [0, limit])):
         panel.plot(*ends, **DASHED | {"linewidth": 1.0, "zorder": 3})
     look: Any = {"ha": "right", "va": "top", "color": "0.15", "zorder": 4}
-    note(panel, f"VAL {limit:g} m", (reach, limit), shift=(-3, -3), **look)
+    note(panel, f"{name} {limit:g} m", (reach, limit), shift=(-3, -3), **look)
 
 
 def _numbers(panel: Axes, rows: pd.DataFrame, limit: float, reach: float) -> None:
