@@ -120,9 +120,9 @@ def time_to_alert(
         InputError: what cannot be used.
     """
     alert = require_geometry_and_alert(g_series, alert, any_axis=True)
-    if axis == EITHER:
-        raise InputError("axis: a time to alert is that of one error; choose vertical or horizontal.")
     judged = as_axis(axis, alert)
+    if judged == EITHER:
+        raise InputError("axis: a time to alert is that of one error; choose vertical or horizontal.")
     rows = rows_by_satellite(g_series)
     noise = NoiseInTime(tau_s=tau_s, share=share)
     tests = fit_for(as_tests(methods), g_series)

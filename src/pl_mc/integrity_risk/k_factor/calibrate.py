@@ -123,9 +123,10 @@ def calibrate(
     alert = require_geometry_and_alert(g, alert, any_axis=True)
     faults = no_fault(g) if faults is None else faults
     alert = require_inputs(g, faults, alert, any_axis=True)
-    if axis == EITHER:
+    judged = as_axis(axis, alert)
+    if judged == EITHER:
         raise InputError(f"axis: a multiplier belongs to one level; choose {VERTICAL} or {HORIZONTAL}.")
-    level: LevelAxis = "vertical" if as_axis(axis, alert) == VERTICAL else "horizontal"
+    level: LevelAxis = "vertical" if judged == VERTICAL else "horizontal"
     limit_m = alert.limit_m[level]
     require_choice(event, EVENTS, field="event")
     require_truth(pooled, field="pooled")
