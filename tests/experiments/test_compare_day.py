@@ -17,7 +17,7 @@ from pl_mc.methods import MaxDop, Slope, WTest
 from pl_mc.statistics import clopper_pearson
 from pl_mc.studies.compare.day import DAY, WORST, comparable_elsewhere, further_geometries, significance_of_largest
 from pl_mc.studies.compare.tables import mean_rates, orders
-from pl_mc.studies.spec import RampFaults
+from pl_mc.studies.fault_fields import RampFaults
 
 EVERY, DRAWS, SEED = 2, 300, 5
 GEOMETRY = {"epochs": 5, "interval_s": 9_000.0, "epoch": 1}

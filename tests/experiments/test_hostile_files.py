@@ -19,7 +19,7 @@ from pl_mc.experiments.checking import check_experiment
 from pl_mc.experiments.loading import load_experiment
 from pl_mc.geometry.gps_time import gps_seconds
 from pl_mc.input_errors import InputError
-from pl_mc.studies.spec import RampFaults
+from pl_mc.studies.fault_fields import RampFaults
 
 SOUND = """kind = "sweep"
 title = "mine"

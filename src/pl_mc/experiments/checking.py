@@ -28,9 +28,10 @@ from pl_mc.kernels.noise import LANES
 from pl_mc.methods import Method, as_methods, method
 from pl_mc.noise_models import noise_model
 from pl_mc.runtime.threads import cores
+from pl_mc.studies.fault_fields import fields_of
 from pl_mc.studies.planned_sweep import PlannedSweep
 from pl_mc.studies.registry import KINDS, in_todays_words, study_of
-from pl_mc.studies.spec import Experiment, SimulatedGeometry, fields_of
+from pl_mc.studies.spec import Experiment, SimulatedGeometry
 from pl_mc.studies.study import Work
 from pl_mc.studies.validation import FieldProblem, told_lines
 from pl_mc.time_ramps.timing import sequential

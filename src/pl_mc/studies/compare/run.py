@@ -24,8 +24,9 @@ from pl_mc.studies.compare import figures
 from pl_mc.studies.compare.day import DAY, DayChoice, Place, comparable_elsewhere, further_geometries
 from pl_mc.studies.compare.tables import Comparison, EqualTables, equal_table, fault_free_table, joined, overview_table
 from pl_mc.studies.compare.text import summary
+from pl_mc.studies.fault_fields import RampFaults
 from pl_mc.studies.planned_sweep import PlannedSweep
-from pl_mc.studies.spec import Experiment, MethodChoice, RampFaults, SimulatedGeometry, Strict
+from pl_mc.studies.spec import Experiment, MethodChoice, SimulatedGeometry, Strict
 
 # What a reader who ranks methods by level or availability has to know.
 LEVELS_DIFFER = (

@@ -29,7 +29,8 @@ from pl_mc.report.document import Summary, TextTable
 from pl_mc.report.figures import legend_below, limit_line, method_label, new_figure, series_style, shade
 from pl_mc.report.findings import Findings, Table, picture
 from pl_mc.report.text import metres, share_of, share_text
-from pl_mc.studies.spec import ByAxes, FaultText, ReceiverFiles
+from pl_mc.studies.fault_fields import FaultText
+from pl_mc.studies.spec import ByAxes, ReceiverFiles
 from pl_mc.studies.study import Check, Work, refuse
 
 # Lines of so few epochs have points; further apart than so many steps epochs are missing; levels up to so many times

@@ -24,8 +24,8 @@ from pl_mc.methods import Ls, Method
 from pl_mc.runtime.threads import cores, in_order
 from pl_mc.statistics.exact import ls_rates
 from pl_mc.statistics.intervals import clopper_pearson
+from pl_mc.studies.fault_fields import ListedFaults
 from pl_mc.studies.risk.record import BudgetChoice, CalibrationChoice, CurveChoice, WorstChoice
-from pl_mc.studies.spec import ListedFaults
 
 EXACT = "exact"
 

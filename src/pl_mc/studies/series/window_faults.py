@@ -19,7 +19,8 @@ from pl_mc.injection import inject
 from pl_mc.input_errors import InputError
 from pl_mc.kernels.noise import epoch_key
 from pl_mc.runtime.precision import precision_scope
-from pl_mc.studies.spec import ListedFaults, Strict, fields_of
+from pl_mc.studies.fault_fields import ListedFaults, fields_of
+from pl_mc.studies.spec import Strict
 
 # Faults draw from the stream of an epoch number that no series reaches, so that they share nothing with the noise.
 FAULT_STREAM = 2**32 - 1

@@ -26,7 +26,8 @@ from pl_mc.report.document import Summary, TextTable
 from pl_mc.report.figures import DASHED, in_common_look, method_label, new_figure, note
 from pl_mc.report.findings import Findings, Picture, Table
 from pl_mc.report.text import by_method, method_key, row_rate
-from pl_mc.studies.spec import ByAxes, Distinct, ListedFaults, RampSizes, SimulatedGeometry, SizesOrFaults, scaled_noise
+from pl_mc.studies.fault_fields import ListedFaults, RampSizes, SizesOrFaults
+from pl_mc.studies.spec import ByAxes, Distinct, SimulatedGeometry, scaled_noise
 from pl_mc.studies.study import Check, Work, refuse
 
 # The regions that are parts of the plane.

@@ -7,7 +7,8 @@ from typing import Any, Literal, NoReturn
 from pydantic import Field, TypeAdapter, ValidationError, ValidationInfo, field_validator
 from pydantic_core import InitErrorDetails, PydanticCustomError
 
-from pl_mc.studies.spec import AnyFaults, ByAxes, ListedFaults, NoiseChoice, RampFaults, RampSizes, SimulatedGeometry
+from pl_mc.studies.fault_fields import AnyFaults, ListedFaults, RampFaults, RampSizes
+from pl_mc.studies.spec import ByAxes, NoiseChoice, SimulatedGeometry
 
 _FORMS: dict[str, TypeAdapter[Any]] = {
     "faults": TypeAdapter(AnyFaults),

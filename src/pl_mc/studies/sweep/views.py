@@ -19,8 +19,8 @@ from pl_mc.report.document import Chart
 from pl_mc.report.findings import Findings, Picture, Table, event_quantities, level_quantities
 from pl_mc.statistics import ls_quantities
 from pl_mc.statistics.exact import ls_rates
+from pl_mc.studies.fault_fields import RampSizes
 from pl_mc.studies.planned_sweep import PlannedSweep
-from pl_mc.studies.spec import RampSizes
 from pl_mc.studies.sweep import figures
 from pl_mc.studies.sweep.record import SweepExperiment
 from pl_mc.studies.sweep.text import EVENTS, faults_summary, map_summary, of_axis, satellites_summary

@@ -6,7 +6,8 @@ from typing import Annotated, Literal
 
 from pydantic import Field
 
-from pl_mc.studies.spec import Experiment, OneFault, SimulatedGeometry
+from pl_mc.studies.fault_fields import OneFault
+from pl_mc.studies.spec import Experiment, SimulatedGeometry
 
 ObjectiveName = Literal["vpl", "alarms"]
 

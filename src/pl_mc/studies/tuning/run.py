@@ -25,7 +25,7 @@ from pl_mc.report.findings import Findings, Picture, Table
 from pl_mc.runtime.progress import with_progress
 from pl_mc.runtime.threads import cores, in_order
 from pl_mc.statistics import ls_quantities, ls_rates
-from pl_mc.studies.spec import ListedFaults
+from pl_mc.studies.fault_fields import ListedFaults
 from pl_mc.studies.study import Work
 from pl_mc.studies.tuning.figures import tuning_figure
 from pl_mc.studies.tuning.record import ObjectiveName, TuningExperiment
