@@ -12,8 +12,9 @@ from typing import Any, ClassVar
 
 import jax
 
-from pl_mc.input_errors import plain_number
+from pl_mc.input_errors import plain_number, require_choice
 from pl_mc.kernels import Estimate, LeastSquaresSolution, LinearModel, ProtectionLevels, protection_levels
+from pl_mc.kernels.levels import LEVEL_SCALES
 from pl_mc.kernels.outcome import Method as Method
 from pl_mc.kernels.outcome import Outcome as Outcome
 from pl_mc.kernels.parameters import is_array, require_positive_leaf
@@ -61,15 +62,23 @@ class Named:
 
 
 class Estimator(Named):
-    """An estimate with the protection levels of its posterior variance, and no test of its own."""
+    """An estimate with protection levels of its posterior or a-priori variance, and no test of its own.
+
+    Attributes:
+        apriori: unit-weight error that the sigma of the model lead to expect.
+    """
 
     k_horizontal: float
     k_vertical: float
+    level_scale: str
+
+    apriori: ClassVar[float] = 1.0
 
     scales_with_k = "k_vertical"
 
     def __post_init__(self) -> None:
         require_multipliers(self)
+        require_choice(self.level_scale, LEVEL_SCALES, field=f"{self.key}: level_scale")
 
     def _estimate(self, model: LinearModel, start: LeastSquaresSolution) -> Estimate:
         raise NotImplementedError
@@ -79,5 +88,10 @@ class Estimator(Named):
 
     def solve(self, model: LinearModel, prepared: Any, start: LeastSquaresSolution) -> Outcome:
         estimate = self._estimate(model, start)
-        levels = protection_levels(estimate, k_horizontal=self.k_horizontal, k_vertical=self.k_vertical)
-        return outcome_of(estimate, levels)
+        return outcome_of(estimate, self._levels(estimate))
+
+    def _levels(self, estimate: Estimate) -> ProtectionLevels:
+        return protection_levels(
+            estimate, k_horizontal=self.k_horizontal, k_vertical=self.k_vertical, level_scale=self.level_scale,
+            apriori=self.apriori,
+        )  # fmt: skip

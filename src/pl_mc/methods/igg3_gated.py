@@ -11,7 +11,7 @@ from dataclasses import dataclass, replace
 from jax import Array
 
 from pl_mc.input_errors import require_choice
-from pl_mc.kernels import Estimate, LeastSquaresSolution, LinearModel, irls, protection_levels
+from pl_mc.kernels import Estimate, LeastSquaresSolution, LinearModel, irls
 from pl_mc.kernels.linear_model import per_lane, product
 from pl_mc.kernels.parameters import static, traced
 from pl_mc.methods.base import Outcome, outcome_of
@@ -55,9 +55,8 @@ class GatedIgg3(Igg3):
 
     def solve(self, model: LinearModel, prepared: Array, start: LeastSquaresSolution) -> Outcome:
         estimate = irls(model, start, self.options)
-        levels = protection_levels(estimate, k_horizontal=self.k_horizontal, k_vertical=self.k_vertical)
         rejects = estimate.available & (self._square_sum(model, start, estimate) > prepared)
-        return replace(outcome_of(estimate, levels), rejects=rejects)
+        return replace(outcome_of(estimate, self._levels(estimate)), rejects=rejects)
 
     def _square_sum(self, model: LinearModel, start: LeastSquaresSolution, estimate: Estimate) -> Array:
         if self.gate == "ls":

@@ -35,13 +35,17 @@ class L1(Estimator):
             satellites fit almost equally well.
         eps: absolute residual, in units of sigma, below which the weight grows no more; the sum is within n eps / 2
             of the smallest.
+        level_scale: what stands for pi/2 of the mean absolute residual in the levels: ``posterior``, it; ``floored``,
+            that or sqrt(pi/2) if it is larger; ``apriori``, sqrt(pi/2), what normal errors lead to expect.
         k_horizontal, k_vertical: multipliers of the protection levels.
     """
 
     key = "l1"
+    apriori = math.sqrt(0.5 * math.pi)
 
     iterations: int = static(50)
     eps: float = 1e-4
+    level_scale: str = static("posterior")
     k_horizontal: float = K_HORIZONTAL
     k_vertical: float = K_VERTICAL
 

@@ -35,6 +35,9 @@ class MEstimator(Estimator, ABC):
         start: first solution: ``ls``, or ``huber`` for five solutions with Huber's weights.
         weight_floor: smallest weight factor; above zero no satellite is thrown out.
         acceleration: ``none`` or ``aitken``; ``aitken`` unless ``iterations`` is given, which alone means plain ones.
+        level_scale: what multiplies the cofactors in the levels: ``posterior``, the unit-weight error of the solution;
+            ``floored``, max(1, that), which the residuals of a few satellites cannot make small by chance; ``apriori``,
+            1, the model's own sigma.
         k_horizontal, k_vertical: multipliers of the protection levels.
     """
 
@@ -45,6 +48,7 @@ class MEstimator(Estimator, ABC):
     start: str = static("ls")
     weight_floor: float = 0.0
     acceleration: str | None = static(None)
+    level_scale: str = static("posterior")
     k_horizontal: float = K_HORIZONTAL
     k_vertical: float = K_VERTICAL
 

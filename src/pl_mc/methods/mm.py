@@ -37,6 +37,9 @@ class MM(Estimator):
         cofactor: N of the residuals' standard deviations in the second part: ``fault_free``, ``reweighted`` or
             ``none``.
         redundancy: divisor of the unit-weight error: ``all``, ``kept`` or ``weights``.
+        level_scale: what multiplies the cofactors in the levels: ``posterior``, the unit-weight error of the solution;
+            ``floored``, max(1, that), which the residuals of a few satellites cannot make small by chance; ``apriori``,
+            1, the model's own sigma.
         k_horizontal, k_vertical: multipliers of the protection levels.
     """
 
@@ -48,6 +51,7 @@ class MM(Estimator):
     scale: str = static(FLOORED)
     cofactor: str = static("fault_free")
     redundancy: str = static("all")
+    level_scale: str = static("posterior")
     k_horizontal: float = K_HORIZONTAL
     k_vertical: float = K_VERTICAL
 

@@ -12,6 +12,7 @@ from typing import Literal
 
 import numpy as np
 import pandas as pd
+from numpy.typing import NDArray
 from scipy import special
 
 from pl_mc.alert import HORIZONTAL, LPV_200, VERTICAL, AlertLimits, as_axis, as_limits
@@ -20,7 +21,7 @@ from pl_mc.constants import K_HORIZONTAL, K_VERTICAL
 from pl_mc.faults import Faults, require_faults
 from pl_mc.geometry.record import Geometry, require_geometry
 from pl_mc.input_errors import InputError, require_choice, require_within
-from pl_mc.statistics.least_squares import fault_effects, ls_quantities
+from pl_mc.statistics.least_squares import FaultEffects, LsQuantities, fault_effects, ls_quantities
 from pl_mc.statistics.length import LEAST_RATIO, joint_length_exceedance, length_beyond
 from pl_mc.statistics.noncentral import joint_exceedance, split_at_threshold
 from pl_mc.statistics.student import chi2_threshold
@@ -102,15 +103,10 @@ def ls_rates(
             **shared, slope=factor / np.sqrt(dof), shift=effects.vertical_m[available] / dop_m, limit=limit_m / dop_m
         )
     else:
-        # Along the principal axes of the horizontal error, in units of its larger standard deviation.
-        cofactor = quantities.horizontal_cofactor.reshape(-1, 2, 2)[epoch]
-        variance, axes = np.linalg.eigh(cofactor)
-        minor, major = np.einsum("pca,pc->ap", axes, effects.horizontal_m[available])
-        largest_m = np.sqrt(variance[:, 1])
+        largest_m, ratio, major, minor = _principal(quantities, effects, available)
         rates[:, available] = length_and_alarm_rates(
-            **shared, slope=factor * dop_m / (largest_m * np.sqrt(dof)), limit=limit_m / largest_m,
-            ratio=np.sqrt(np.maximum(variance[:, 0], 0.0)) / largest_m, major=major / largest_m,
-            minor=minor / largest_m,
+            **shared, slope=factor * dop_m / (largest_m * np.sqrt(dof)), limit=limit_m / largest_m, ratio=ratio,
+            major=major, minor=minor,
         )  # fmt: skip
     return pd.DataFrame(
         {
@@ -120,6 +116,20 @@ def ls_rates(
             **dict(zip(RATE_COLUMNS, rates, strict=True)),
         }
     )
+
+
+def _principal(
+    quantities: LsQuantities, effects: FaultEffects, rows: NDArray[np.bool_]
+) -> tuple[FloatArray, FloatArray, FloatArray, FloatArray]:
+    """Larger standard deviation of the horizontal error [m], and in units of it the smaller one and mean errors.
+
+    The means (pairs,) are those along the two principal axes, the larger one first.
+    """
+    cofactor = quantities.horizontal_cofactor.reshape(-1, 2, 2)[effects.epoch_index[rows]]
+    variance, axes = np.linalg.eigh(cofactor)
+    minor, major = np.einsum("pca,pc->ap", axes, effects.horizontal_m[rows])
+    largest_m = np.sqrt(variance[:, 1])
+    return largest_m, np.sqrt(np.maximum(variance[:, 0], 0.0)) / largest_m, major / largest_m, minor / largest_m
 
 
 @dataclass(frozen=True)
@@ -143,6 +153,43 @@ class LeastSquaresLaw:
         if axis == HORIZONTAL:
             return ls_rates(g, faults, alert=alert, axis="horizontal", k_horizontal=self.k_horizontal)
         return ls_rates(g, faults, alert=alert, k_vertical=self.k_vertical)
+
+
+@dataclass(frozen=True)
+class AprioriLaw:
+    """The law of least squares whose levels are multiples of its a-priori standard deviations.
+
+    VPL = k_vertical VDOP, HPL = k_horizontal HDOP: no error changes them, so that there is an alarm always or never,
+    and every other rate is a tail of the error alone.
+
+    Attributes:
+        k_vertical, k_horizontal: multipliers of the levels.
+    """
+
+    k_vertical: float = K_VERTICAL
+    k_horizontal: float = K_HORIZONTAL
+
+    def rates(
+        self, g: Geometry, faults: Faults, alert: AlertLimits, axis: Literal["vertical", "horizontal"] = "vertical"
+    ) -> pd.DataFrame:
+        """The exact rates under each fault, with the columns of `ls_rates`."""
+        factor = self.k_vertical if axis == VERTICAL else self.k_horizontal
+        # Hazards do not depend on the level.
+        table, quantities = ls_rates(g, faults, alert=alert, axis=axis), ls_quantities(g)
+        effects = fault_effects(g, faults, quantities)
+        level_m = factor * np.ravel(quantities.vdop_m if axis == VERTICAL else quantities.hdop_m)[effects.epoch_index]
+        available = np.ravel(quantities.available)[effects.epoch_index]
+        hazard, exceeded = table.hazard_rate.to_numpy(), np.zeros(len(table))
+        if axis == VERTICAL:
+            sigma_m = level_m[available] / factor
+            mean = np.abs(effects.vertical_m[available]) / sigma_m
+            exceeded[available] = special.ndtr(mean - factor) + special.ndtr(-mean - factor)
+        else:
+            largest_m, *shape = _principal(quantities, effects, available)
+            exceeded[available] = length_beyond(level_m[available] / largest_m, *shape)[1]
+        alarm = ~available | (level_m > alert.limit_m[axis])
+        rates = (alarm, hazard, ~alarm * hazard, ~alarm * exceeded, exceeded, (alarm & available) * (1.0 - hazard))
+        return table.assign(**{name: np.asarray(rate, float) for name, rate in zip(RATE_COLUMNS, rates, strict=True)})
 
 
 def error_and_alarm_rates(

@@ -26,6 +26,7 @@ from pl_mc.input_errors import InputError
 from pl_mc.integrity_risk.k_factor.error_to_level_ratio import EXCEEDED, MISLEADING
 from pl_mc.methods import Method
 from pl_mc.methods.capabilities import exact_law, k_of, with_k
+from pl_mc.statistics.exact import LeastSquaresLaw
 from pl_mc.statistics.intervals import clopper_pearson
 from pl_mc.statistics.least_squares import ls_quantities
 from pl_mc.statistics.student import student_factor
@@ -93,7 +94,7 @@ def exact_k_factor(
 ) -> tuple[KFactor, dict[str, float]]:
     """Of a method with an exact law; ``g`` is a series over which the mean risk counts."""
     quantities, kept = ls_quantities(g), fault.applies(g)[:, 0]
-    dof = quantities.dof[kept & quantities.available]
+    dof, law = quantities.dof[kept & quantities.available], exact_law(method)
 
     def mean_rate(k: float, what: str) -> float:
         return float(exact_rates(g, fault, method, alert, k, axis)[f"{what}_rate"].mean())
@@ -103,9 +104,10 @@ def exact_k_factor(
 
     if dof.size == 0 or risk(SMALLEST_FACTOR) <= target:
         k = 0.0
-    elif axis == VERTICAL and event == EXCEEDED and not fault.bias_m.any() and kept.sum() == dof.size == 1:
-        law = exact_law(method)
-        assert law is not None
+    elif (
+        isinstance(law, LeastSquaresLaw) and axis == VERTICAL and event == EXCEEDED and not fault.bias_m.any()
+        and kept.sum() == dof.size == 1
+    ):  # fmt: skip
         # Student's quantile is the multiplier of m VDOP, of which the field may be a multiple.
         k = float(student_factor(dof, target)[0]) / (law.k_vertical / k_of(method))
     else:

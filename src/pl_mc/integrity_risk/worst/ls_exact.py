@@ -287,7 +287,9 @@ def law_with(alarm: str, method: Method, *, estimated: bool, axis: str = VERTICA
     if axis != VERTICAL and alarm != PL_ALARM:
         raise InputError(f"alarm: {alarm!r} is for exact worst cases, which are vertical; take {PL_ALARM!r}.")
     estimated = estimated or axis != VERTICAL
-    law = None if estimated else exact_law(method)
+    found = None if estimated else exact_law(method)
+    # Of a level that no residual changes worst cases have no closed form here.
+    law = found if isinstance(found, LeastSquaresLaw) else None
     if law is None and alarm != PL_ALARM:
         field = f"alarm: {alarm!r} is for exact laws, {PL_ALARM!r} for estimates too"
         raise refusal(method, "exact_law", able=exact_law, field=field)

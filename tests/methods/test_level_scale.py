@@ -1,0 +1,77 @@
+"""What stands for the unit-weight error in the levels: that of the solution, at least one, or one."""
+
+from __future__ import annotations
+
+import dataclasses
+import math
+
+import numpy as np
+import pytest
+from scipy import stats
+
+import pl_mc
+from pl_mc.methods import L1, Igg3, Ls, method
+from pl_mc.methods.base import Estimator
+from pl_mc.methods.capabilities import exact_law, levels_from_geometry
+from pl_mc.methods.registry import METHODS
+from pl_mc.statistics import binomial_p_value, ls_quantities
+from reference.problems import appendix_d
+
+G = appendix_d()
+FAULTS = pl_mc.no_fault(G) + pl_mc.biases(G, {"G03": 8.0})
+ESTIMATES = sorted(name for name, made in METHODS.items() if issubclass(made, Estimator))
+
+
+def levels(one) -> np.ndarray:
+    return pl_mc.sample(G, FAULTS, draws=60, seed=4, methods=(one,))[["vpl_m", "hpl_m"]].to_numpy()
+
+
+@pytest.mark.parametrize("name", ESTIMATES)
+def test_floored_levels_are_the_larger_of_the_two_others(name: str) -> None:
+    posterior = method(name)
+    apriori, floored = (dataclasses.replace(posterior, level_scale=scale) for scale in ("apriori", "floored"))
+    assert floored.name == f"{name}(level_scale=floored)"
+    low, high, both = levels(apriori), levels(posterior), levels(floored)
+    np.testing.assert_allclose(both, np.maximum(low, high), rtol=1e-12)
+    # There are errors of either kind.
+    assert (low > high).any()
+    assert (low < high).any()
+
+
+def test_the_apriori_level_of_least_squares_is_its_standard_deviation() -> None:
+    found = levels(Ls(level_scale="apriori"))
+    quantities = ls_quantities(G)
+    np.testing.assert_allclose(found[:, 0], 5.33 * float(quantities.vdop_m), rtol=1e-12)
+    np.testing.assert_allclose(found[:, 1], 6.18 * float(quantities.hdop_m), rtol=1e-12)
+    # A unit-weight error of least absolute residuals that is what normal errors lead to expect.
+    assert L1.apriori == pytest.approx(math.sqrt(math.pi / 2))
+    assert levels_from_geometry(Ls(level_scale="apriori"))
+    assert not levels_from_geometry(Ls())
+
+
+def test_the_multiplier_of_an_apriori_level_is_that_of_the_normal_law() -> None:
+    for target in (1e-3, 1e-7, 2e-9):
+        one = pl_mc.calibrate(G, method=Ls(level_scale="apriori"), target=target).iloc[0]
+        assert one.k_vertical == pytest.approx(stats.norm.isf(target / 2), rel=1e-9)
+        assert one.k_low == one.k_vertical == one.k_high
+
+
+@pytest.mark.parametrize("axis", ["vertical", "horizontal"])
+@pytest.mark.parametrize("limit_m", [8.0, 16.0])
+def test_counts_follow_the_exact_law(axis: str, limit_m: float) -> None:
+    """Of every event, within what a count of 60,000 draws can tell at one in 10,000."""
+    draws, alert = 60_000, pl_mc.AlertLimits("own", limit_m, limit_m)
+    one = Ls(level_scale="apriori", k_vertical=2.0, k_horizontal=1.5)
+    faults = FAULTS + pl_mc.biases(G, {"G03": 25.0, "E08": -10.0})
+    exact = exact_law(one).rates(G, faults, alert, axis)
+    table = pl_mc.sweep(G, faults, draws=draws, seed=9, methods=(one,), alert=alert, axes=axis, progress=False)
+    for event in ("alarm", "hazard", "missed", "exceeded", "misleading", "false_alarm"):
+        counts = table[{"missed": "missed", "exceeded": "exceeded", "misleading": "misleading"}.get(event, f"{event}s")]
+        for count, rate in zip(counts, exact[f"{event}_rate"], strict=True):
+            assert binomial_p_value(int(count), draws, min(max(float(rate), 0.0), 1.0)) > 1e-4, (event, rate)
+
+
+def test_floored_levels_have_no_closed_form_and_other_words_are_refused() -> None:
+    assert exact_law(Ls(level_scale="floored")) is None
+    with pytest.raises(pl_mc.InputError, match=r"^igg3: level_scale: 'floor' is unknown \(nearest: floored\)"):
+        Igg3(level_scale="floor")
