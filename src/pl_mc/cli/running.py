@@ -7,7 +7,7 @@ from typing import Annotated, Any
 
 from cyclopts import Parameter
 
-from pl_mc.cli.printing import Count, Draws, Flag, Json, Output, Progress, Seed, Several, Which, overrides
+from pl_mc.cli.printing import Count, Draws, Flag, Json, Output, Progress, Seed, Several, Texts, Which, overrides
 from pl_mc.input_errors import InputError, shown
 
 _DEFAULT = Output()
@@ -21,7 +21,7 @@ def run(
     draws: Draws = None,
     seed: Seed = None,
     val: Annotated[float | None, Parameter(allow_leading_hyphen=True)] = None,
-    fault: Annotated[tuple[str, ...], Several] = (),
+    fault: Texts = (),
     resume: Flag = False,
     fresh: Flag = False,
     shard: str | None = None,
@@ -116,11 +116,11 @@ def observe(
     *,
     truth: Annotated[str, Parameter(allow_leading_hyphen=True)],
     systems: str | None = None,
-    fault: Annotated[tuple[str, ...], Several] = (),
+    fault: Texts = (),
     mask_deg: Annotated[float, Parameter(allow_leading_hyphen=True)] = 10.0,
     error_model: str = "residual",
     ionosphere: str = "broadcast",
-    method: Annotated[tuple[str, ...], Several] = ("ls", "igg3"),
+    method: Texts = ("ls", "igg3"),
     out: Path | None = None,
     output: Output = _DEFAULT,
 ) -> None:
@@ -177,7 +177,7 @@ def observe(
 def bench(
     *,
     seconds: float = 10.0,
-    precision: Annotated[tuple[str, ...], Several] = ("float64", "float32"),
+    precision: Texts = ("float64", "float32"),
     devices: int | None = None,
     limit: Path | None = None,
     scaling: str | None = None,
