@@ -144,6 +144,16 @@ def test_what_is_no_fault(here: Path, capsys: pytest.CaptureFixture[str], text: 
     assert not Path("runs/one").exists()
 
 
+def test_a_check_counts_the_faults_that_are_given(here: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    main(("check", "one.toml", "--fault", "G01:+30m:0-5", "--fault", "G:+20m"))
+    assert f"Cost: {200 * (6 + EPOCHS):,} scenarios over all methods" in capsys.readouterr().out
+    with pytest.raises(SystemExit) as stop:
+        main(("check", "one.toml", "--fault", "G01:+30m:9-12"))
+    assert stop.value.code == 2
+    assert "fault G01:+30m:9-12: epochs run from 0 to 11." in capsys.readouterr().err
+    assert "takes none from outside" in refused(capsys, "check", "guo2022", "--fault", "G01:+30m")
+
+
 def test_a_ramp_without_epochs(capsys: pytest.CaptureFixture[str]) -> None:
     said = refused(capsys, "run", "ramp", "--fault", "G01:+0.1m/s")
     assert "fault G01:+0.1m/s: a ramp in time needs a series of epochs" in said

@@ -5,7 +5,7 @@ from __future__ import annotations
 import sys
 from pathlib import Path
 
-from pl_mc.cli.printing import Draws, Flag, Json, Quiet, Seed, Which, overrides, print_json
+from pl_mc.cli.printing import Draws, Flag, Json, Quiet, Seed, Texts, Which, overrides, print_json
 from pl_mc.input_errors import InputError, system_reason
 
 
@@ -76,6 +76,7 @@ def check(
     *,
     draws: Draws = None,
     seed: Seed = None,
+    fault: Texts = (),
     measure: Flag = False,
     json: Json = False,
     quiet: Quiet = False,
@@ -90,6 +91,8 @@ def check(
 
     Parameters
     ----------
+    fault
+        A fault instead of the experiment's, `G01:+30m`; repeatable, for several.
     measure
         Measure the rate of this machine by a small part of the run, which takes up to a minute.
     json
@@ -101,7 +104,7 @@ def check(
 
     from pl_mc.experiments.checking import check_experiment
 
-    found = check_experiment(experiment, overrides(draws, seed), measure=measure)
+    found = check_experiment(experiment, overrides(draws, seed), faults=fault, measure=measure)
     if json:
         problems, cost = [asdict(one) for one in found.problems], found.cost and asdict(found.cost)
         print_json({"name": found.name, "sound": not problems, "problems": problems, "cost": cost})

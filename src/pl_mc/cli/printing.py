@@ -22,6 +22,7 @@ Json = Annotated[bool, Parameter(negative="")]
 Quiet = Annotated[bool, Parameter(negative="", alias="-q")]
 Flag = Annotated[bool, Parameter(negative="")]
 Several = Parameter(negative="")
+Texts = Annotated[tuple[str, ...], Several]
 Progress = Annotated[bool | None, Parameter(help="Show a progress bar; unless given, only on a terminal.")]
 Which = Annotated[
     str,

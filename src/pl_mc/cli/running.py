@@ -7,7 +7,7 @@ from typing import Annotated, Any
 
 from cyclopts import Parameter
 
-from pl_mc.cli.printing import Count, Draws, Flag, Json, Limit, Output, Progress, Seed, Several, Which, overrides
+from pl_mc.cli.printing import Count, Draws, Flag, Json, Limit, Output, Progress, Seed, Several, Texts, Which, overrides
 from pl_mc.input_errors import InputError, shown
 
 _DEFAULT = Output()
@@ -22,8 +22,8 @@ def run(
     seed: Seed = None,
     val: Limit = None,
     hal: Limit = None,
-    axes: Annotated[tuple[str, ...], Several] = (),
-    fault: Annotated[tuple[str, ...], Several] = (),
+    axes: Texts = (),
+    fault: Texts = (),
     resume: Flag = False,
     fresh: Flag = False,
     shard: str | None = None,
@@ -121,11 +121,11 @@ def observe(
     truth: Annotated[str, Parameter(allow_leading_hyphen=True)],
     systems: str | None = None,
     signals: str | None = None,
-    fault: Annotated[tuple[str, ...], Several] = (),
+    fault: Texts = (),
     mask_deg: Annotated[float, Parameter(name=("--mask-deg", "--mask"), allow_leading_hyphen=True)] = 10.0,
     error_model: str = "residual",
     ionosphere: str = "broadcast",
-    method: Annotated[tuple[str, ...], Several] = ("ls", "igg3"),
+    method: Texts = ("ls", "igg3"),
     val: Limit = None,
     hal: Limit = None,
     axes: str | None = None,
@@ -196,7 +196,7 @@ def observe(
 def bench(
     *,
     seconds: float = 10.0,
-    precision: Annotated[tuple[str, ...], Several] = ("float64", "float32"),
+    precision: Texts = ("float64", "float32"),
     devices: int | None = None,
     limit: Path | None = None,
     scaling: str | None = None,

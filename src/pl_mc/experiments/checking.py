@@ -30,7 +30,7 @@ from pl_mc.noise_models import noise_model
 from pl_mc.runtime.threads import cores
 from pl_mc.studies.fault_fields import fields_of
 from pl_mc.studies.planned_sweep import PlannedSweep
-from pl_mc.studies.registry import KINDS, in_todays_words, study_of
+from pl_mc.studies.registry import KINDS, in_todays_words, study_of, with_faults
 from pl_mc.studies.spec import Experiment, SimulatedGeometry
 from pl_mc.studies.study import Work
 from pl_mc.studies.validation import FieldProblem, told_lines
@@ -126,11 +126,13 @@ class Checked:
         )
 
 
-def check_experiment(which: str, overrides: Mapping[str, Any] | None = None, *, measure: bool = False) -> Checked:
+def check_experiment(
+    which: str, overrides: Mapping[str, Any] | None = None, *, faults: Sequence[str] = (), measure: bool = False
+) -> Checked:
     """Check an experiment without running it.
 
     Args:
-        which, overrides: as for `pl_mc.experiments.loading.load_experiment`.
+        which, overrides, faults: as for `pl_mc.experiments.loading.load_experiment`.
         measure: measure the rate of this machine, see `cost_of`.
 
     Raises:
@@ -138,6 +140,8 @@ def check_experiment(which: str, overrides: Mapping[str, Any] | None = None, *, 
     """
     source = read_source(which)
     content = in_todays_words({**source.content, **(overrides or {})})
+    if faults:
+        content = with_faults(content, faults)
     # A record names a wrong part as a whole, what follows names it within; each once.
     wrong = list(dict.fromkeys([*field_problems(content), *_further_problems(content)]))
     experiment, cost = None, None
