@@ -55,6 +55,14 @@ def test_satellite_by_satellite():
         assert with_ism.describe()["ism"]["sigma_ura_m"] == {"E": 2.0, "G": 1.0, "G02": 3.0}
 
 
+def test_names_tell_systems_of_one_class_apart():
+    """QZSS satellites have the errors of GPS, and an orbit and clock promise of their own."""
+    sky = Sky(["GPS", "GPS"], 0.8, 0.0, 0.0, 0.0, satellite=["G01", "J02"])
+    ism = {"sigma_ura_m": {"G": 1.0, "J": 2.0}}
+    added = error_model("residual", ism=ism).sigma_m(sky) ** 2 - error_model("residual").sigma_m(sky) ** 2
+    np.testing.assert_allclose(added, [1.0, 4.0])
+
+
 def test_a_simulated_sky_has_names(tmp_path):
     path = tmp_path / "ism.csv"
     path.write_text("satellite,sigma_ura_m\nG,1\nE,1\nG05,2.5\n")

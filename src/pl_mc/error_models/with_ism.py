@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 from pl_mc.error_models.base import ErrorModel, FromVariance, Sky
 from pl_mc.input_errors import InputError
 from pl_mc.ism import Ism
+from pl_mc.ism.codes import number_of
 
 # Letters of the classes of orbit.
 _LETTERS = {"GPS": "G", "BDS-MEO": "C", "BDS-IGSO": "C", "BDS-GEO": "C", "GAL": "E", "GLO": "R"}
@@ -35,11 +36,13 @@ class WithIsm(FromVariance):
 
     def variance_m2(self, sky: Sky) -> NDArray[np.float64]:
         """The variance of the other model and sigma_URA^2 [m^2]."""
-        letters = np.vectorize(_LETTERS.__getitem__, otypes=[np.str_])(sky.orbit).ravel().tolist()
+        classes = np.asarray(sky.orbit).ravel().tolist()
         single = self.ism.single_satellites("sigma_ura_m")
         if sky.satellite is None and single:
             raise InputError(f"sky: {self.ism.source} tells {single[0]} from others, and the sky names no satellites.")
-        names = letters if sky.satellite is None else np.asarray(sky.satellite).ravel().tolist()
+        names = classes if sky.satellite is None else np.asarray(sky.satellite).ravel().tolist()
+        # A class of orbit may serve several systems, which names tell apart.
+        letters = [name[0] if number_of(name) else _LETTERS[orbit] for name, orbit in zip(names, classes, strict=True)]
         ura_m = self.ism.values("sigma_ura_m", names, letters).reshape(sky.shape)
         return np.asarray(self.model.sigma_m(sky)) ** 2 + ura_m**2
 

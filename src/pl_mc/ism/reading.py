@@ -59,11 +59,6 @@ def _by_field(content: Mapping[str, Any], field: str) -> dict[str, dict[str, Any
     return found
 
 
-def ism_file(given: Any) -> Path | None:
-    """The file of what stands for an ISM in an experiment; None where it is no file."""
-    return Path(given) if isinstance(given, str | Path) else None
-
-
 def read_ism(path: str | Path) -> Ism:
     """An ISM from a CSV file with a satellite or a constellation a line.
 
