@@ -338,3 +338,20 @@ def test_a_phone_with_l5_and_no_isc(texts: tuple[str, str], tmp_path: Path) -> N
         read_rinex(*paths, systems=("C",), signals=("B1C",))
     with_isc = write(tmp_path, (f"{header}END OF HEADER{body}", with_cnav(texts[1])))
     assert read_rinex(*with_isc, systems=("G",), ionosphere="dual").observables["G"].name == "L1 C/A + L5"
+
+
+@pytest.mark.parametrize(("health", "forbidden"), [(0b001, "L5"), (0b010, "L2C"), (0b100, "L1+L5"), (0b011, "L1+L2C")])
+def test_health_of_cnav(health: int, forbidden: str, texts: tuple[str, str], tmp_path: Path) -> None:
+    """L1, L2 and L5, the first the highest bit (IS-GPS-200, 30.3.3.1.1.2)."""
+    text = with_cnav(texts[1])
+    names = re.findall(r"> EPH (G\d\d) CNAV", text)
+    for name in names:
+        text = set_field(text, name, "CNAV", 6, 1, float(health))
+    paths = write(tmp_path, (texts[0], text))
+    for signal in ("L1", "L2C", "L5", "L1+L2C", "L1+L5"):
+        kind = "dual" if "+" in signal else "none"
+        data = read_rinex(*paths, systems=("G",), signals=(signal,), ionosphere=kind)
+        bits = {"L1": 0b100, "L2C": 0b010, "L5": 0b001}
+        ill = any(bits[word] & health for word in signal.split("+"))
+        assert ill == (not used(data) & set(names))
+        assert ill or signal != forbidden
