@@ -271,6 +271,8 @@ SIGNALS: tuple[Signal, ...] = (
         "C", "B2a", ("C5P", "C5X"), _L5_HZ, {message: {"TGD B2ap": 1.0} for message in (B_CNAV2, B_CNAV1)},
         {D1_D2: _ANY_BIT, B_CNAV2: _ANY_BIT},
     ),
+    Signal("R", "G1", ("C1C", "C1P"), 1_602.0e6, {FDMA: {}}, {FDMA: _ANY_BIT}, neglected_m={FDMA: 3.0}),
+    Signal("R", "G2", ("C2C", "C2P"), 1_246.0e6, {FDMA: {}}, {FDMA: _ANY_BIT}, neglected_m={FDMA: 3.0}),
     Signal(
         "J", "L1 C/A", ("C1C", "C1Z", "C1X", "C1L", "C1S"), FREQUENCY_L1_HZ,
         {LNAV: {"TGD": 1.0}, CNAV: {"TGD": 1.0, "ISC L1C/A": -1.0}}, {LNAV: 0b110_000},
@@ -279,8 +281,6 @@ SIGNALS: tuple[Signal, ...] = (
         "J", "L2C", ("C2L", "C2X", "C2S"), _L2_HZ,
         {LNAV: {"TGD": _gamma(_L2_HZ)}, CNAV: {"TGD": 1.0, "ISC L2C": -1.0}}, {LNAV: 0b001_000},
     ),
-    Signal("R", "G1", ("C1C", "C1P"), 1_602.0e6, {FDMA: {}}, {FDMA: _ANY_BIT}, neglected_m={FDMA: 3.0}),
-    Signal("R", "G2", ("C2C", "C2P"), 1_246.0e6, {FDMA: {}}, {FDMA: _ANY_BIT}, neglected_m={FDMA: 3.0}),
     Signal("J", "L5", ("C5Q", "C5X", "C5I"), _L5_HZ, {CNAV: {"TGD": 1.0, "ISC L5Q5": -1.0}}, {LNAV: 0b000_100}),
 )  # fmt: skip
 
