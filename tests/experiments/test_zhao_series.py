@@ -167,6 +167,13 @@ def test_the_cost_is_that_of_every_solution() -> None:
     assert cost.seconds is not None
 
 
+def test_a_receiver_says_what_is_read_of_it() -> None:
+    receiver = {"kind": "receiver", "observations": "a.rnx", "navigation": "b.rnx", "truth": "1,2,3"}
+    assert "systems those it has, mask" in made(source=receiver).source.describe()
+    dual = made(source={**receiver, "systems": ["G", "E"], "signals": ["E1+E5b"], "ionosphere": "dual"})
+    assert "systems G + E, signals E1+E5b, ionosphere dual, mask" in dual.source.describe()
+
+
 # What is drawn.
 
 

@@ -72,6 +72,23 @@ def with_cnav(text: str) -> str:
     return re.sub(r"> EPH (G\d\d) LNAV *\n((?:[^>].*\n){8})", made, text)
 
 
+def with_b_cnav(text: str, *, delays: tuple[float, float] = (4e-9, -3e-9), health: tuple[int, int] = (0, 0)) -> str:
+    """A navigation file with records of B-CNAV1 and B-CNAV2 after each of D1."""
+
+    def made(found: re.Match[str]) -> str:
+        blank, out = " " * 19, found[0]
+        for message, ill in zip(("CNV1", "CNV2"), health, strict=True):
+            rows = found[2].split("\n")[:6]
+            rows.append("    " + f"{0.0:19.12e}" * 4)
+            rows.append(f"    {1e-9:19.12e}{blank}{delays[0]:19.12e}{delays[1]:19.12e}")
+            rows.append(f"    {0.0:19.12e}{float(ill):19.12e}{0.0:19.12e}{1.0:19.12e}")
+            rows.append(f"    {0.0:19.12e}{blank}{blank}{1.0:19.12e}")
+            out += f"> EPH {found[1]} {message}\n" + "\n".join(rows) + "\n"
+        return out
+
+    return re.sub(r"> EPH (C\d\d) D1 *\n((?:[^>].*\n){8})", made, text)
+
+
 def clock_m(data: ReceiverData, name: str) -> float:
     return float(data.satellite_clock_m[0, data.names.index(name)])
 
@@ -257,6 +274,16 @@ def test_combinations_have_no_ionosphere_and_their_own_noise() -> None:
     assert pair.group_delays(LNAV) == {}
 
 
+def test_the_pairs_that_are_tried() -> None:
+    """P(Y) before C/A; B1I, which all satellites of BeiDou send, before B1C; E5a before E5b; G1 with G2."""
+    names = {letter: [pair.name for pair in observables_of(letter, dual=True)] for letter in "GCERJ"}
+    assert names["G"][:2] == ["L1 P(Y) + L2 P(Y)", "L1 C/A + L2 P(Y)"]
+    assert names["C"][0] == "B1I + B3I"
+    assert names["E"] == ["E1 + E5a", "E1 + E5b"]
+    assert names["R"] == ["G1 + G2"]
+    assert names["J"] == ["L1 C/A + L2C", "L1 C/A + L5"]
+
+
 def test_sigma_of_other_signals() -> None:
     """sigma0 times the noise, the ionosphere times (f1/f5)^2 or nothing, the troposphere as it is."""
     sky = Sky(orbit="GPS", elevation_rad=np.radians(40.0), azimuth_rad=0.0, latitude_rad=0.9, longitude_rad=0.0)
@@ -334,7 +361,60 @@ def test_a_phone_with_l5_and_no_isc(texts: tuple[str, str], tmp_path: Path) -> N
         read_rinex(*paths, systems=("G",), ionosphere="dual")
     with pytest.raises(InputError, match=r"no group delay of GPS L5 \(TGD and ISC L5Q5 of CNAV\)"):
         read_rinex(*paths, systems=("G",), signals=("L5",))
-    with pytest.raises(InputError, match=r"no group delay of BeiDou B1C \(TGD B1Cp of B-CNAV1\)"):
+    with pytest.raises(
+        InputError, match=r"no group delay of BeiDou B1C \(TGD B1Cp of B-CNAV1, or TGD B1Cp of B-CNAV2\)"
+    ):
         read_rinex(*paths, systems=("C",), signals=("B1C",))
     with_isc = write(tmp_path, (f"{header}END OF HEADER{body}", with_cnav(texts[1])))
     assert read_rinex(*with_isc, systems=("G",), ionosphere="dual").observables["G"].name == "L1 C/A + L5"
+
+
+@pytest.mark.parametrize(("health", "forbidden"), [(0b001, "L5"), (0b010, "L2C"), (0b100, "L1+L5"), (0b011, "L1+L2C")])
+def test_health_of_cnav(health: int, forbidden: str, texts: tuple[str, str], tmp_path: Path) -> None:
+    """L1, L2 and L5, the first the highest bit (IS-GPS-200, 30.3.3.1.1.2)."""
+    text = with_cnav(texts[1])
+    names = re.findall(r"> EPH (G\d\d) CNAV", text)
+    for name in names:
+        text = set_field(text, name, "CNAV", 6, 1, float(health))
+    paths = write(tmp_path, (texts[0], text))
+    for signal in ("L1", "L2C", "L5", "L1+L2C", "L1+L5"):
+        kind = "dual" if "+" in signal else "none"
+        data = read_rinex(*paths, systems=("G",), signals=(signal,), ionosphere=kind)
+        bits = {"L1": 0b100, "L2C": 0b010, "L5": 0b001}
+        ill = any(bits[word] & health for word in signal.split("+"))
+        assert ill == (not used(data) & set(names))
+        assert ill or signal != forbidden
+
+
+def test_b1c_and_b2a_have_the_delays_of_b_cnav(texts: tuple[str, str], tmp_path: Path) -> None:
+    """The clock is that of B3I; less TGD B1Cp it is that of B1C, less TGD B2ap that of B2a."""
+    usual = read_rinex(*write(tmp_path, texts), systems=("C",), signals=("B3I",), ionosphere="none")
+    paths = write(tmp_path, (texts[0], with_b_cnav(texts[1])))
+    for signal, delay_s in (("B1C", 4e-9), ("B2a", -3e-9)):
+        data = read_rinex(*paths, systems=("C",), signals=(signal,), ionosphere="none")
+        common = used(data) & used(usual)
+        assert len(common) >= 3
+        for name in common:
+            assert clock_m(data, name) - clock_m(usual, name) == pytest.approx(-C * delay_s, abs=2e-3)
+    both = read_rinex(*paths, systems=("C",), signals=("B1C+B2a",), ionosphere="dual")
+    ratio = (F1 / F5) ** 2
+    for name in used(both) & used(usual):
+        left_s = (ratio * 4e-9 + 3e-9) / (ratio - 1)
+        assert clock_m(both, name) - clock_m(usual, name) == pytest.approx(-C * left_s, abs=2e-3)
+    assert read_rinex(*paths, systems=("C",), ionosphere="none").observables["C"].name == "B1I"
+
+
+@pytest.mark.parametrize(("health", "forbidden"), [((1, 0), "B1C"), ((0, 1), "B2a")])
+def test_health_of_b_cnav(health: tuple[int, int], forbidden: str, texts: tuple[str, str], tmp_path: Path) -> None:
+    paths = write(tmp_path, (texts[0], with_b_cnav(texts[1], health=health)))
+    for signal in ("B1C", "B2a"):
+        data = read_rinex(*paths, systems=("C",), signals=(signal,), ionosphere="none")
+        assert bool(used(data)) == (signal != forbidden)
+    assert used(read_rinex(*paths, systems=("C",), ionosphere="none"))
+
+
+def test_damaged_delays_of_b_cnav(texts: tuple[str, str], tmp_path: Path) -> None:
+    damaged = with_b_cnav(texts[1], delays=(4e-7, 0.0))
+    paths = write(tmp_path, (texts[0], damaged))
+    with pytest.raises(InputError, match=r"no group delay of BeiDou B1C"):
+        read_rinex(*paths, systems=("C",), signals=("B1C",), ionosphere="none")

@@ -21,8 +21,10 @@ from numpy.typing import NDArray
 
 from pl_mc.geometry.gps_time import GPS_EPOCH
 from pl_mc.input_errors import InputError
+from pl_mc.receiver.ephemerides import NUMBER_WIDTH, Ephemeris, fields_of, misshapen
+from pl_mc.receiver.further_records import Added, added_records, glonass_records, with_added
 from pl_mc.receiver.rinex_text import RinexText, label_of, listed, read_rinex_text
-from pl_mc.receiver.signals import FDMA, FNAV, GROUP_DELAYS, INAV, LNAV, OWN_GROUP_DELAYS, SYSTEMS, Observable
+from pl_mc.receiver.signals import ADDED_TO_D1, FNAV, GROUP_DELAYS, INAV, LNAV, OWN_GROUP_DELAYS, SYSTEMS, Observable
 from pl_mc.runtime import sidereon_adapter as library
 
 # What the elements of an orbit can be: the widest reach of their bits, angles up to a turn.
@@ -53,16 +55,11 @@ _CLOCK_GALILEO: Mapping[str, tuple[float, float]] = {
 
 _NEITHER = "its data sources name neither I/NAV nor F/NAV"
 
-# GLONASS: circles at 25,508 km; 3.6 km/s in space, with a clock of 22 bits of 2^-30 s (GLONASS ICD 5.1, table 4.5).
-_GLONASS_RADIUS_M, _FASTEST_M_S, _LARGEST_TAU_S = (2.5e7, 2.6e7), 4500.0, 2e-3
-
 # Eight bits each of alpha and beta of the ionosphere (IS-GPS-200, table 20-X); BeiDou's reach as far.
 _LARGEST_KLOBUCHAR = 128 * np.array([2.0**-30, 2.0**-27, 2.0**-24, 2.0**-24, 2.0**11, 2.0**14, 2.0**16, 2.0**16])
 
-# Fortran's D19.12 with an exponent of two digits, right-aligned, so that a shifted line does not pass for numbers; of
-# the lines of a record the last has nothing that is needed.
-_NUMBER = re.compile(r" *[-+]?\d*\.\d+[EeDd][-+]\d\d", re.ASCII)
-_WIDTH, _ROWS = 19, 7
+# Lines after the first of a record, of which the last has nothing that is needed.
+_ROWS = 7
 
 _WEEK_S, _WEEKS_PER_CYCLE = 604_800.0, 1024
 
@@ -71,38 +68,6 @@ _IONOSPHERE_2: Mapping[str, tuple[str, str]] = {"G": ("ION ALPHA", "ION BETA")}
 _IONOSPHERE_3: Mapping[str, tuple[str, str]] = {"G": ("GPSA", "GPSB"), "C": ("BDSA", "BDSB")}
 _ION = re.compile(r"> ION (?:G.. +(?:LNAV|CNVX)|C.. +D1D2)", re.ASCII)
 _ION_WIDTH = 12
-
-
-@dataclass(frozen=True)
-class Ephemeris:
-    """A record of the broadcast orbit and clock of a satellite.
-
-    Attributes:
-        name: of the satellite.
-        message: that it was sent in, such as LNAV.
-        toe_gps_s: reference time [s since 1980-01-06, GPS time].
-        sent_gps_s: time of transmission, or minus infinity where the record says none.
-        health: bits by which the satellite forbids the use of its signals.
-        predicted: whether its accuracy is predicted at all.
-        group_delays_s: those that it has, by the names in `pl_mc.receiver.signals` [s].
-        week_gps_s: begin of the week of ``toe_gps_s`` in which the record counts seconds.
-        record: what the library evaluates.
-    """
-
-    name: str
-    message: str
-    toe_gps_s: float
-    sent_gps_s: float
-    health: int
-    predicted: bool
-    group_delays_s: Mapping[str, float]
-    week_gps_s: float
-    record: Any
-
-    @property
-    def forbids(self) -> bool:
-        """Whether the satellite says that something of it may not be used, or not how well."""
-        return self.health != 0 or not self.predicted
 
 
 @dataclass(frozen=True)
@@ -155,16 +120,20 @@ def read_navigation(
     klobuchar: dict[str, NDArray[np.float64]] = {}
     notes: list[str] = []
     letters: set[str] = set()
+    added: list[Added] = []
     for path in paths:
         file = read_rinex_text(path, "navigation")
         found, left_out = _ephemerides(file, systems, told, letters)
         records += found
+        if "C" in systems:
+            wanted = told is None or not set(ADDED_TO_D1.values()).isdisjoint(told["C"])
+            added += added_records(file, left_out if wanted else [])
         for letter, one in _klobuchar(file, left_out).items():
             if letter not in klobuchar or (one.any() and not klobuchar[letter].any()):
                 klobuchar[letter] = one
         if left_out:
             notes.append(f"Left out of {file.path.name}: {listed(left_out)}.")
-    return Navigation(_merged(records), klobuchar, frozenset(letters), tuple(notes))
+    return Navigation(_merged([*records, *with_added(records, added)]), klobuchar, frozenset(letters), tuple(notes))
 
 
 def _ephemerides(
@@ -202,43 +171,8 @@ def _ephemerides(
         else:
             sound.append(_ephemeris(record))
     if "R" in systems:
-        sound += _glonass(file, body, left_out)
+        sound += glonass_records(file, body, left_out)
     return sound, left_out
-
-
-def _glonass(file: RinexText, body: Sequence[str], left_out: list[str]) -> list[Ephemeris]:
-    """The sound records of GLONASS, which the library reads one by one."""
-    sound = []
-    starts = [k for k, line in enumerate(body) if re.match(r"R[ \d]\d ", line, re.ASCII)]
-    for start in starts:
-        stop = next((k for k in range(start + 1, len(body)) if not body[k].startswith("    ")), len(body))
-        announced = [body[start - 1]] if start and body[start - 1].startswith(">") else []
-        where = f"the record of {body[start][:3]} at line {file.number(start)}"
-        try:
-            orbit = library.GlonassOrbit("\n".join((*file.header, *announced, *body[start:stop], "")))
-        except (library.Unreadable, ValueError) as error:
-            left_out.append(f"{where} ({error})")
-            continue
-        record = orbit.record
-        radius_m, speed_m_s = (float(np.linalg.norm(part)) for part in (record.position_m, record.velocity_m_s))
-        low, high = _GLONASS_RADIUS_M
-        if not (low < radius_m < high and speed_m_s < _FASTEST_M_S and abs(record.clock_bias_s) < _LARGEST_TAU_S):
-            left_out.append(f"{where} (no satellite is there, is so fast or has such a clock)")
-            continue
-        sound.append(
-            Ephemeris(
-                name=record.satellite,
-                message=FDMA,
-                toe_gps_s=orbit.toe_gps_s,
-                sent_gps_s=-math.inf,
-                health=0 if record.is_healthy else 1,
-                predicted=True,
-                group_delays_s={},
-                week_gps_s=orbit.toe_gps_s,
-                record=orbit,
-            )
-        )
-    return sound
 
 
 def _without_misshapen(file: RinexText, systems: Sequence[str], left_out: list[str]) -> list[str]:
@@ -256,11 +190,11 @@ def _without_misshapen(file: RinexText, systems: Sequence[str], left_out: list[s
             continue
         for k in range(start, min(start + _ROWS + 1, stop)):
             text = body[k][first if k == start else begin :]
-            bad = _misshapen(_fields(text, 4 if k < start + _ROWS else 0)) or text[4 * _WIDTH :].strip()
+            bad = misshapen(fields_of(text, 4 if k < start + _ROWS else 0)) or text[4 * NUMBER_WIDTH :].strip()
             bad = bad or (body[k][:begin].strip() if k > start else "")
             if bad:
                 left_out.append(f"the record of {name} at line {file.number(start)} ({bad!r} at line "
-                                f"{file.number(k)} is not a number of {_WIDTH} columns)")  # fmt: skip
+                                f"{file.number(k)} is not a number of {NUMBER_WIDTH} columns)")  # fmt: skip
                 # RINEX 4 has a line that announces the record.
                 before = start - 1 if start and body[start - 1].startswith(">") else start
                 body[before:stop] = [""] * (stop - before)
@@ -372,7 +306,7 @@ def _klobuchar(file: RinexText, left_out: list[str]) -> dict[str, NDArray[np.flo
     """Coefficients of the ionosphere of a file, by system letter; those that cannot be are left out."""
     found: dict[str, NDArray[np.float64]] = {}
     for letter, fields in _ionosphere_fields(file):
-        bad = _misshapen(fields, len(fields[0])) if len(fields) == 8 and all(map(str.strip, fields)) else "not eight"
+        bad = misshapen(fields, len(fields[0])) if len(fields) == 8 and all(map(str.strip, fields)) else "not eight"
         values = np.zeros(8) if bad else np.array([float(one.upper().replace("D", "E")) for one in fields])
         if bad or not (np.abs(values) <= _LARGEST_KLOBUCHAR).all():
             left_out.append(f"coefficients of the ionosphere of {letter} ({bad or 'no message can say so'})")
@@ -387,20 +321,10 @@ def _ionosphere_fields(file: RinexText) -> Iterator[tuple[str, list[str]]]:
         starts = [k for k, line in enumerate(file.body) if _ION.match(line) and len(file.body) > k + 3]
         for k in sorted(starts, key=lambda k: file.body[k + 1][4:23]):
             first, second, third = file.body[k + 1 : k + 4]
-            yield file.body[k][6], [*_fields(first[23:], 3), *_fields(second[4:], 4), *_fields(third[4:], 1)]
+            yield file.body[k][6], [*fields_of(first[23:], 3), *fields_of(second[4:], 4), *fields_of(third[4:], 1)]
         return
     labels, begin = (_IONOSPHERE_2, 2) if file.generation == 2 else (_IONOSPHERE_3, 5)
     for letter, pair in labels.items():
         lines = [next((line for line in file.header if label in (line[:4], label_of(line))), "") for label in pair]
         if any(lines):
-            yield letter, [field for line in lines for field in _fields(line[begin:60], 4, _ION_WIDTH)]
-
-
-def _fields(text: str, count: int, width: int = _WIDTH) -> list[str]:
-    """The columns of each number of a line, as far as it goes."""
-    return [text[at : at + width] for at in range(0, min(len(text.rstrip()), count * width), width)]
-
-
-def _misshapen(fields: Sequence[str], width: int = _WIDTH) -> str:
-    """The first field that is neither blank nor a number that ends with its columns; empty where there is none."""
-    return next((f.strip() for f in fields if f.strip() and not (len(f) == width and _NUMBER.fullmatch(f))), "")
+            yield letter, [field for line in lines for field in fields_of(line[begin:60], 4, _ION_WIDTH)]

@@ -17,7 +17,8 @@ from pl_mc.geometry.orbits import ORBIT_RADIUS_M, bds_orbit
 from pl_mc.geometry.record import SYSTEM_NAMES
 from pl_mc.input_errors import InputError, require_choice
 from pl_mc.receiver.choices import checked_signals, checked_systems, delays_needed
-from pl_mc.receiver.navigation_records import Ephemeris, Navigation, read_navigation
+from pl_mc.receiver.ephemerides import Ephemeris
+from pl_mc.receiver.navigation_records import Navigation, read_navigation
 from pl_mc.receiver.observation_records import Event, Observations, read_observations
 from pl_mc.receiver.rinex_text import read_rinex_text
 from pl_mc.receiver.signals import SYSTEMS, USUAL_SYSTEMS, Observable, signals_of

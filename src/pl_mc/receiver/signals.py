@@ -26,6 +26,12 @@ GROUP_DELAYS: Mapping[str, str] = {
     "ISC L5Q5": "cnav_isc_l5q5_s", "ISC L1CP": "cnav_isc_l1cp_s",
 }  # fmt: skip
 
+# Messages of BeiDou of which the library has the lines alone, by their names in RINEX 4: what is added to the clock and
+# the orbit of D1, with the places (line and number) of the delays and of the health (RINEX 4.00, CNV1 and CNV2).
+ADDED_TO_D1: Mapping[str, str] = {"CNV1": B_CNAV1, "CNV2": B_CNAV2}
+ADDED_DELAYS: Mapping[str, tuple[int, int]] = {"TGD B1Cp": (7, 2), "TGD B2ap": (7, 3)}
+ADDED_HEALTH = (8, 1)
+
 # Those without which a record is damaged; of CNAV some are not sent.
 OWN_GROUP_DELAYS: Mapping[str, tuple[str, ...]] = {
     LNAV: ("TGD",), D1_D2: ("TGD1", "TGD2"), INAV: ("BGD E1,E5a", "BGD E1,E5b"), FNAV: ("BGD E1,E5a",),
@@ -199,13 +205,14 @@ class System:
 # E1-B and E5b in I/NAV, of E5a in F/NAV; bits 0 to 2, 6 to 8 and 3 to 5 (RINEX 3.05, table A8).
 # BeiDou: the clock is that of B3I; less TGD1 that of B1I, less TGD2 that of B2I (BDS-SIS-ICD-2.1, 5.2.4.10). B1I is one
 # of two components on its carrier: I, Q or X (both). RINEX 3.02 and some writers since name its codes after band 1,
-# where 3.03 and later have B1C. B1C and B2a have delays of their own, which D1 and D2 do not send.
+# where 3.03 and later have B1C. B1C and B2a have delays of their own, which B-CNAV1 and
+# B-CNAV2 send (BDS-SIS-ICD-B1C-1.0, 7.6; -B2a-1.0, 7.6); their clocks are of B3I too, as that of D1, which is used.
 # QZSS: as GPS, with L2C for L2 P(Y) (IS-QZSS-PNT-005); its health in LNAV begins with the bits of L1, L1 C/A, L2C, L5.
 # GLONASS: carriers of channel 0; those of the others are in the same ratio of 9 to 7, and their ionosphere differs by
 # under half a percent. Receivers delay channels differently, by metres, and how far G2 is behind G1
 # few messages say: neither is corrected, and satellites lie up to 3 m off in the data that the tests read. A record is
 # for a quarter of an hour before and after its time (GLONASS ICD 5.1, 4.4).
-# L1C of GPS and E1 are read of pilot and data as of the pilot.
+# L1C of GPS, B1C, B2a and E1 are read of pilot and data as of the pilot.
 SIGNALS: tuple[Signal, ...] = (
     Signal(
         "G", "L1 C/A", ("C1C", "C1P", "C1W", "C1Y", "C1X", "C1S", "C1L"), FREQUENCY_L1_HZ,
@@ -246,13 +253,25 @@ SIGNALS: tuple[Signal, ...] = (
         {INAV: {"BGD E1,E5b": _gamma(_E5B_HZ)}}, {INAV: 0b111_000_000},
     ),
     Signal(
-        "C", "B1I", ("C2I", "C1I", "C2X", "C2Q"), FREQUENCY_B1I_HZ, {D1_D2: {"TGD1": 1.0}}, {D1_D2: _ANY_BIT},
+        "C", "B1I", ("C2I", "C1I", "C2X", "C2Q"), FREQUENCY_B1I_HZ,
+        {message: {"TGD1": 1.0} for message in (D1_D2, B_CNAV1, B_CNAV2)}, {D1_D2: _ANY_BIT},
         codes_302=("C1X", "C1Q"),
     ),
-    Signal("C", "B3I", ("C6I", "C6X", "C6Q"), _B3I_HZ, {D1_D2: {}}, {D1_D2: _ANY_BIT}),
+    Signal(
+        "C", "B3I", ("C6I", "C6X", "C6Q"), _B3I_HZ, {message: {} for message in (D1_D2, B_CNAV1, B_CNAV2)},
+        {D1_D2: _ANY_BIT},
+    ),
     Signal("C", "B2I", ("C7I", "C7X", "C7Q"), _E5B_HZ, {D1_D2: {"TGD2": 1.0}}, {D1_D2: _ANY_BIT}),
-    Signal("C", "B1C", ("C1P", "C1X"), FREQUENCY_L1_HZ, {B_CNAV1: {"TGD B1Cp": 1.0}}, {D1_D2: _ANY_BIT}),
-    Signal("C", "B2a", ("C5P", "C5X"), _L5_HZ, {B_CNAV2: {"TGD B2ap": 1.0}}, {D1_D2: _ANY_BIT}),
+    Signal(
+        "C", "B1C", ("C1P", "C1X"), FREQUENCY_L1_HZ, {message: {"TGD B1Cp": 1.0} for message in (B_CNAV1, B_CNAV2)},
+        {D1_D2: _ANY_BIT, B_CNAV1: _ANY_BIT},
+    ),
+    Signal(
+        "C", "B2a", ("C5P", "C5X"), _L5_HZ, {message: {"TGD B2ap": 1.0} for message in (B_CNAV2, B_CNAV1)},
+        {D1_D2: _ANY_BIT, B_CNAV2: _ANY_BIT},
+    ),
+    Signal("R", "G1", ("C1C", "C1P"), 1_602.0e6, {FDMA: {}}, {FDMA: _ANY_BIT}, neglected_m={FDMA: 3.0}),
+    Signal("R", "G2", ("C2C", "C2P"), 1_246.0e6, {FDMA: {}}, {FDMA: _ANY_BIT}, neglected_m={FDMA: 3.0}),
     Signal(
         "J", "L1 C/A", ("C1C", "C1Z", "C1X", "C1L", "C1S"), FREQUENCY_L1_HZ,
         {LNAV: {"TGD": 1.0}, CNAV: {"TGD": 1.0, "ISC L1C/A": -1.0}}, {LNAV: 0b110_000},
@@ -261,8 +280,6 @@ SIGNALS: tuple[Signal, ...] = (
         "J", "L2C", ("C2L", "C2X", "C2S"), _L2_HZ,
         {LNAV: {"TGD": _gamma(_L2_HZ)}, CNAV: {"TGD": 1.0, "ISC L2C": -1.0}}, {LNAV: 0b001_000},
     ),
-    Signal("R", "G1", ("C1C", "C1P"), 1_602.0e6, {FDMA: {}}, {FDMA: _ANY_BIT}, neglected_m={FDMA: 3.0}),
-    Signal("R", "G2", ("C2C", "C2P"), 1_246.0e6, {FDMA: {}}, {FDMA: _ANY_BIT}, neglected_m={FDMA: 3.0}),
     Signal("J", "L5", ("C5Q", "C5X", "C5I"), _L5_HZ, {CNAV: {"TGD": 1.0, "ISC L5Q5": -1.0}}, {LNAV: 0b000_100}),
 )  # fmt: skip
 
@@ -276,14 +293,15 @@ USUAL_SYSTEMS = ("G", "C", "E")
 # 5.2.4.9; Galileo OS SIS ICD 2.1, 5.1. Accuracy: index 14 of GPS ends at 6144 m (IS-GPS-200, 20.3.3.3.1.3), that of
 # BeiDou is 4096 m (BDS-SIS-ICD-2.1, 5.2.4.5), index 125 of Galileo 6 m (Galileo OS SIS ICD 2.1, 5.1.12); what comes
 # after promises nothing.
-# Group delays: eight bits of 2^-31 s in LNAV, 13 of 2^-35 s in CNAV, ten of 2^-32 s of Galileo and of 0.1 ns of BeiDou.
+# Group delays: eight bits of 2^-31 s in LNAV, 13 of 2^-35 s in CNAV, ten of 2^-32 s of Galileo and
+# of 0.1 ns of BeiDou, 12 of 2^-34 s in B-CNAV.
 SYSTEMS: Mapping[str, System] = {
     "G": System(
         MOST_SATELLITES["G"], {"gps_lnav": LNAV, "gps_cnav": CNAV, "gps_cnav2": CNAV2}, 7200.0, True, 16.0, 6144.0,
         1.2e-7, 0.0, 0,
     ),
     "C": System(
-        MOST_SATELLITES["C"], {"beidou_d1": D1_D2, "beidou_d2": D1_D2}, 7200.0, True, 8.0, 4096.0, 6e-8,
+        MOST_SATELLITES["C"], {"beidou_d1": D1_D2, "beidou_d2": D1_D2}, 7200.0, True, 8.0, 4096.0, 1.2e-7,
         BDT_BEHIND_GPS_S, 1356,
     ),
     "E": System(
@@ -313,8 +331,9 @@ def observables_of(system: str, *, dual: bool) -> tuple[Observable, ...]:
     if not dual:
         return (Observable(rows[:1]),)
     near = [in_one_band(one.ionosphere_factor(rows[0].carrier_hz)) for one in rows]
-    # Of one band the later row first: P(Y), of which the clock of GPS is, before C/A.
-    firsts = [one for one, is_near in zip(rows, near, strict=True) if is_near][::-1]
+    # Of one band those first whose group delays are sent in full: P(Y), of which the clock of GPS is, before C/A.
+    firsts = [one for one, is_near in zip(rows, near, strict=True) if is_near]
+    firsts.sort(key=lambda one: bool(one.neglected_m))
     others = [one for one, is_near in zip(rows, near, strict=True) if not is_near]
     pairs = (Observable((first, other)) for other in others for first in firsts)
     return tuple(pair for pair in pairs if pair.messages)

@@ -163,6 +163,8 @@ class ReceiverSource(ReceiverFiles):
         """The source in words."""
         truth = "its track" if self.has_track() else "its known position"
         systems = "those it has" if self.systems is None else " + ".join(self.systems)
+        systems += "" if self.signals is None else f", signals {', '.join(self.signals)}"
+        systems += "" if self.ionosphere == "broadcast" else f", ionosphere {self.ionosphere}"
         return (
             f"receiver file {self.observations.name} against {truth}, systems {systems}, mask "
             f"{self.mask_deg:g} deg; the receiver's own errors; sigma from the error model {self.error_model}"
