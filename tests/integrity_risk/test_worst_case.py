@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import dataclasses
-import re
 
 import numpy as np
 import pandas as pd
@@ -385,13 +384,16 @@ def test_estimates_that_fail() -> None:
 def test_extremes_are_a_number_or_a_sentence(event: str, val_m: float, sigma_m: float) -> None:
     g = appendix_d()
     g = Geometry.from_arrays(g.design, np.full(len(g.names), sigma_m), g.systems, g.names)
-    try:
-        table = worst_case(g, satellites=["G03", ("G03", "E06")], event=event, alert=AlertLimits("any", val_m))
-    except InputError as error:
-        assert re.search(r": a number .* is needed, not [\d.e+]+\.$", str(error)), error
-        assert sigma_m < 1.0 or val_m / sigma_m > 1e8
+
+    def worst() -> pd.DataFrame:
+        return worst_case(g, satellites=["G03", ("G03", "E06")], event=event, alert=AlertLimits("any", val_m))
+
+    # Where squares of a bias over sigma are beyond what the laws are computed for.
+    if sigma_m < 1.0 or (val_m / sigma_m > 1e8 and event == "missed"):
+        with pytest.raises(InputError, match=r": a number .* is needed, not [\d.e+]+\.$"):
+            worst()
     else:
-        assert table["probability"].between(0.0, 1.0).all()
+        assert worst()["probability"].between(0.0, 1.0).all()
 
 
 def test_bad_input() -> None:
