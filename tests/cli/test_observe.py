@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import re
 from pathlib import Path
 
 import matplotlib.dates as mdates
@@ -315,3 +316,32 @@ def test_what_is_no_fault_of_a_receiver(
         main(["observe", *small(), "--truth", TRUTH, "--fault", text, "--out", str(tmp_path / "out")])
     assert stop.value.code == 2
     assert words in capsys.readouterr().err
+
+
+@pytest.mark.parametrize(
+    ("options", "axis", "present", "absent"),
+    [
+        (("--hal", "10"), "horizontal", ("HAL 10", "H beyond HPL", "Horizontal errors:"), "VAL|VPL_R|U bey|Vertical"),
+        (("--val", "15", "--hal", "10", "--axes", "either"), "either",
+         ("VAL 15.00 m, HAL 10", "U beyond VPL or H beyond HPL", "Vertical errors:", "Horizontal errors:"), "VPL_R"),
+        (("--val", "15", "--hal", "10"), None, ("VAL 15", "U beyond VPL", "HAL|is not judged"), "H beyond"),
+    ],
+)  # fmt: skip
+def test_the_limits_of_an_observation(
+    options: tuple[str, ...], axis: str | None, present: tuple[str, ...], absent: str, tmp_path: Path
+) -> None:
+    main(["observe", *small(), "--truth", TRUTH, *options, "-q", "--out", str(tmp_path / "out")])
+    table = pd.read_parquet(tmp_path / "out" / "epochs.parquet")
+    beyond = {"horizontal": table.hpl_m > 10.0, "either": (table.hpl_m > 10.0) | (table.vpl_m > 15.0)}
+    if axis is None:
+        assert "axis" not in table
+        assert (table.alarm == (~table.available | (table.vpl_m > 15.0))).all()
+    else:
+        assert set(table.axis) == {axis}
+        assert (table.alarm == (~table.available | beyond[axis])).all()
+    run = read_run_folder(tmp_path / "out")
+    assert run.document is not None
+    said = run.summary + " ".join(run.document.answer) + " ".join(figure.alt for figure in run.document.figures)
+    for words in present:
+        assert re.search(words, said), words
+    assert not re.search(absent, said)

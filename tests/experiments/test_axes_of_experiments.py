@@ -16,6 +16,8 @@ from pl_mc.alert import AXES, HORIZONTAL
 from pl_mc.cli.main import main
 from pl_mc.experiments.loading import build_experiment
 from pl_mc.experiments.running import run_experiment
+from pl_mc.report.comparison import PAIRED, compare_runs
+from pl_mc.report.run_folder import read_run_folder
 from pl_mc.statistics import ls_rates
 
 RAMP: dict[str, Any] = {
@@ -197,3 +199,26 @@ def test_a_stanford_diagram_has_one_error() -> None:
             build_experiment(STANFORD | {"alert": BOTH, "axes": axes}, source="test")
     with pytest.raises(pl_mc.InputError, match="reach_m: more than the alert limit of 10 m is needed"):
         run(STANFORD | {"alert": RAIL, "reach_m": 8.0}, Path("nowhere"))
+
+
+def test_runs_of_several_axes_are_compared_axis_by_axis(tmp_path: Path) -> None:
+    """Epoch by epoch too, and a run that names no axis beside one that names three."""
+    content = RAMP | {
+        "draws": 32, "faults": {"biases": ["none", "G12:+10m"]}, "geometry": {"epochs": 40, "interval_s": 600.0},
+    }  # fmt: skip
+    near = {"name": "near", "vertical_m": 6.0, "horizontal_m": 4.0}
+    several = run(content | {"alert": near, "axes": list(AXES)}, tmp_path / "several")
+    same = run(content | {"alert": BOTH, "axes": list(AXES)}, tmp_path / "same")
+    alone = run(content | {"alert": {"name": "alone", "vertical_m": 15.0}}, tmp_path / "alone")
+    first, second, third = map(read_run_folder, (several, same, alone))
+    found = compare_runs(first, second).rates
+    assert set(found.axis) == set(AXES)
+    assert (found.interval == PAIRED).any()
+    counts = pd.read_csv(several / "rates.csv")
+    alarms = found[(found.event == "alarm") & (found.method == "ls")]
+    for row in alarms.itertuples():
+        chosen = (counts.method == "ls") & (counts.axis == row.axis) & (counts.fault == row.fault)
+        assert row.first_count == counts.alarms[chosen].iloc[0]
+        assert row.low <= row.difference <= row.high
+    assert set(compare_runs(second, third).rates.axis) == {"vertical"}
+    assert (compare_runs(second, third).rates.difference == 0).all()

@@ -6,6 +6,7 @@ import numpy as np
 import pandas as pd
 
 import pl_mc
+from pl_mc.alert import Judged
 from pl_mc.experiments.loading import load_experiment
 from pl_mc.report.document import Paragraph, TextTable
 from pl_mc.statistics import clopper_pearson
@@ -32,7 +33,7 @@ def table() -> pd.DataFrame:
 
 
 def test_findings_say_who_alerts_in_time_where_and_at_which_error() -> None:
-    explained, compared = findings(table(), alert=pl_mc.LPV_200)
+    explained, compared = findings(table(), judged=Judged(pl_mc.LPV_200))
     assert isinstance(explained, Paragraph)
     assert isinstance(compared, TextTable)
     assert "late in less than 1 % of passes" in explained.text
@@ -43,7 +44,7 @@ def test_findings_say_who_alerts_in_time_where_and_at_which_error() -> None:
     assert first["most late by 6 s"].endswith("(30 of 1,000), 0.01 m/s")
     assert second["most late by 6 s"] == "0 (< 0.368 %) (0 of 1,000)"
     assert first["error at the alarm"] == "12.00 m [11.00, 13.00] at 0.01 m/s to 15.00 m [14.00, 16.00] at 1 m/s"
-    nothing = findings(table().assign(hazards=0), alert=pl_mc.LPV_200)
+    nothing = findings(table().assign(hazards=0), judged=Judged(pl_mc.LPV_200))
     assert nothing == [Paragraph("White errors: no ramp took the vertical error beyond 35 m.")]
 
 

@@ -2,13 +2,18 @@
 
 from __future__ import annotations
 
+import re
+from pathlib import Path
 from typing import Any
 
 import numpy as np
+import pandas as pd
 import pytest
 
 import pl_mc
 from pl_mc.alert import AlertLimits
+from pl_mc.experiments.loading import build_experiment
+from pl_mc.experiments.running import run_experiment
 from pl_mc.statistics import ls_quantities
 from pl_mc.time_ramps import KalmanInnovation, SequentialParity
 
@@ -66,3 +71,22 @@ def test_what_cannot_be(series: pl_mc.Geometry) -> None:
     for change, words in changes:
         with pytest.raises(pl_mc.InputError, match=words):
             pl_mc.time_to_alert(series, "G12", [3.0], **OPTIONS | change)
+
+
+def test_an_experiment_by_the_horizontal_limit(tmp_path: Path) -> None:
+    content = {
+        "kind": "time-ramps", "title": "rail", "seed": 3, "alert": {"name": "rail", "horizontal_m": 20.0},
+        "geometry": {"epochs": 36, "interval_s": 1.0}, "satellite": "G12", "rates_m_per_s": [2.0, 5.0],
+        "taus_s": [20.0], "draws": 64, "calibration_draws": 128, "p_fa": 0.1, "onset_s": 5.0,
+        "methods": ["ls", "slope"], "sequential": [{"name": "sequential_parity", "windows_s": [1.0, 4.0]}],
+    }  # fmt: skip
+    folder = run_experiment("rail", build_experiment(content, source="test"), tmp_path / "out").folder
+    said = (folder / "summary.md").read_text() + (folder / "report.json").read_text()
+    assert not re.search("VAL|VPL|vertical", said)
+    assert "its horizontal slope" in said
+    assert "HAL 20 m" in said
+    assert set(pd.read_csv(folder / "time_to_alert.csv").axis) == {"horizontal"}
+    geometry = pd.read_csv(folder / "geometry.csv")
+    assert (geometry.horizontal_metres_per_metre > 0).all()
+    with pytest.raises(pl_mc.InputError, match="axes: this kind of experiment has one error and one level"):
+        build_experiment(content | {"alert": "LPV-200", "axes": "either"}, source="test")

@@ -104,13 +104,15 @@ class ErrorModel(Protocol):
         ...
 
 
+# One factor for all satellites, or one for each.
+Scale = float | NDArray[np.float64]
+
+
 @runtime_checkable
 class ScaledVariance(Protocol):
     """An error model that knows what of its variance is noise and what ionosphere."""
 
-    def scaled_variance_m2(
-        self, sky: Sky, noise: float | NDArray[np.float64], ionosphere: float | NDArray[np.float64]
-    ) -> NDArray[np.float64]:
+    def scaled_variance_m2(self, sky: Sky, noise: Scale, ionosphere: Scale) -> NDArray[np.float64]:
         """Variance of each error of a checked sky with the two scaled, the noise with orbit and clock [m^2]."""
         ...
 

@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 
 from pl_mc.constants import FREQUENCY_L1_HZ, FREQUENCY_L5_HZ
 from pl_mc.error_models.atmosphere import ZENITH_TROPOSPHERE_M, troposphere_sigma_m
-from pl_mc.error_models.base import FromVariance, Sky, require_options
+from pl_mc.error_models.base import FromVariance, Scale, Sky, require_options
 from pl_mc.input_errors import InputError, nearest, shown
 
 # Errors of two frequencies in the combination without ionosphere: sqrt((f1^4 + f5^4) / (f1^2 - f5^2)^2) = 2.588.
@@ -65,7 +65,11 @@ class DualFrequency(FromVariance):
 
     def variance_m2(self, sky: Sky) -> NDArray[np.float64]:
         """sigma_user^2 + sigma_tropo^2 [m^2]."""
-        return self.user_sigma_m(sky) ** 2 + troposphere_sigma_m(sky.elevation_rad) ** 2
+        return self.scaled_variance_m2(sky, _L1_L5, 0.0)
+
+    def scaled_variance_m2(self, sky: Sky, noise: Scale, ionosphere: Scale) -> NDArray[np.float64]:
+        """The same for a combination that amplifies the noise of one carrier otherwise; it knows no ionosphere."""
+        return (noise / _L1_L5 * self.user_sigma_m(sky)) ** 2 + troposphere_sigma_m(sky.elevation_rad) ** 2
 
     def describe(self) -> dict[str, Any]:
         """Name and figures."""

@@ -20,7 +20,7 @@ from pl_mc.error_models.atmosphere import (
     troposphere_sigma_m,
     vertical_uire_sigma_m,
 )
-from pl_mc.error_models.base import FromVariance, Sky, by_orbit, require_figure, require_options
+from pl_mc.error_models.base import FromVariance, Scale, Sky, by_orbit, require_figure, require_options
 
 # What single-frequency corrections leave of the vertical ionosphere on an ordinary day; our choice, since the
 # paper is silent.
@@ -61,10 +61,6 @@ class Sigma0:
 
 
 PAPER_SIGMA0 = Sigma0()
-
-
-# One factor for all satellites, or one for each.
-Scale = float | NDArray[np.float64]
 
 
 class _ThreeTerms(FromVariance):

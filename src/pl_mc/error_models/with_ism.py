@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from pl_mc.error_models.base import ErrorModel, FromVariance, Sky
+from pl_mc.error_models.base import ErrorModel, FromVariance, Scale, Sky, sigma_of_signal_m
 from pl_mc.input_errors import InputError
 from pl_mc.ism import Ism
 from pl_mc.ism.codes import number_of
@@ -36,6 +36,15 @@ class WithIsm(FromVariance):
 
     def variance_m2(self, sky: Sky) -> NDArray[np.float64]:
         """The variance of the other model and sigma_URA^2 [m^2]."""
+        return np.asarray(self.model.sigma_m(sky)) ** 2 + self._ura_m(sky) ** 2
+
+    def scaled_variance_m2(self, sky: Sky, noise: Scale, ionosphere: Scale) -> NDArray[np.float64]:
+        """The same with noise and ionosphere of the other model scaled; orbit and clock are those of any carrier."""
+        ones = np.ones(sky.shape)
+        user_m = sigma_of_signal_m(self.model, sky, noise=noise * ones, ionosphere=ionosphere * ones)
+        return user_m**2 + self._ura_m(sky) ** 2
+
+    def _ura_m(self, sky: Sky) -> NDArray[np.float64]:
         classes = np.asarray(sky.orbit).ravel().tolist()
         single = self.ism.single_satellites("sigma_ura_m")
         if sky.satellite is None and single:
@@ -43,8 +52,7 @@ class WithIsm(FromVariance):
         names = classes if sky.satellite is None else np.asarray(sky.satellite).ravel().tolist()
         # A class of orbit may serve several systems, which names tell apart.
         letters = [name[0] if number_of(name) else _LETTERS[orbit] for name, orbit in zip(names, classes, strict=True)]
-        ura_m = self.ism.values("sigma_ura_m", names, letters).reshape(sky.shape)
-        return np.asarray(self.model.sigma_m(sky)) ** 2 + ura_m**2
+        return self.ism.values("sigma_ura_m", names, letters).reshape(sky.shape)
 
     def describe(self) -> dict[str, Any]:
         """What the other model says of itself, and the ISM."""

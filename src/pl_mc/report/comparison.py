@@ -15,6 +15,7 @@ import numpy as np
 import pandas as pd
 from scipy import special
 
+from pl_mc.alert import VERTICAL
 from pl_mc.input_errors import InputError
 from pl_mc.kernels.events import EVENTS
 from pl_mc.report.document import Block, Bullets, Paragraph, TextTable
@@ -179,6 +180,8 @@ def _rates(name: str, first: pd.DataFrame, second: pd.DataFrame, notes: list[str
     """The rates of one table, in rows that both runs have; None where it holds no counts."""
     total = next((column for column in _TOTALS if column in first and column in second), None)
     counts = [column for column in _COUNTS if column in first and column in second]
+    if "axis" in first or "axis" in second:
+        first, second = _with_axis(first), _with_axis(second)
     keys = [key for key in _KEYS if key in first and key in second]
     if total is None or not counts or not keys or ("detections" in counts and "test" not in keys):
         return None
@@ -242,14 +245,19 @@ def _by_epoch(first: Path, second: Path) -> tuple[pd.DataFrame, pd.DataFrame] | 
     for folder in (first / "epochs", second / "epochs"):
         if not folder.is_dir():
             return None
-        keys = ["epoch", "method", "fault"]
-        rows = pd.read_parquet(folder)
+        keys = ["epoch", "method", "axis", "fault"]
+        rows = _with_axis(pd.read_parquet(folder))
         if not set(keys) <= set(rows):
             return None
-        rows = rows.astype({"method": str, "fault": str})
+        rows = rows.astype({"method": str, "axis": str, "fault": str})
         counts = [event.count for event in EVENTS if event.count in rows]
         tables.append(rows.groupby(keys, sort=False)[["draws", *counts]].sum().reset_index())
     return tables[0], tables[1]
+
+
+def _with_axis(table: pd.DataFrame) -> pd.DataFrame:
+    """The table with its axis; where it names none that is the vertical."""
+    return table if "axis" in table else table.assign(axis=VERTICAL)
 
 
 def _with_paired_bounds(rates: pd.DataFrame, by_epoch: tuple[pd.DataFrame, pd.DataFrame]) -> pd.DataFrame:
@@ -260,12 +268,13 @@ def _with_paired_bounds(rates: pd.DataFrame, by_epoch: tuple[pd.DataFrame, pd.Da
     """
     first, second = by_epoch
     second = _renamed(first, second, [])
-    both = first.merge(second, on=["epoch", "method", "fault"], suffixes=(" first", " second"))
+    both = first.merge(second, on=["epoch", "method", "axis", "fault"], suffixes=(" first", " second"))
     bounds: dict[int, tuple[float, float, str]] = {}
     count_of = {event.name: event.count for event in EVENTS}
-    groups = dict(list(both.groupby(["method", "fault"], sort=False)))
+    groups = dict(list(both.groupby(["method", "axis", "fault"], sort=False)))
     for k, row in enumerate(rates.to_dict("records")):
-        group, count = groups.get((row.get("method"), row.get("fault"))), count_of.get(row["event"])
+        key = (row.get("method"), row.get("axis", VERTICAL), row.get("fault"))
+        group, count = groups.get(key), count_of.get(row["event"])
         if row["table"] != "rates" or group is None or count is None or len(group) < FEWEST_EPOCHS:
             continue
         old, new = (group[f"{count} {side}"] / group[f"draws {side}"] for side in ("first", "second"))

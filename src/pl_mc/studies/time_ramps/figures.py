@@ -14,7 +14,7 @@ from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 from matplotlib.ticker import FixedLocator, FuncFormatter, NullLocator
 
-from pl_mc.alert import AlertLimits
+from pl_mc.alert import Judged
 from pl_mc.report.figures import SeriesStyle, bar_lengths, legend_key, limit_line, new_figure, series_style
 from pl_mc.report.findings import picture
 from pl_mc.report.text import grouped
@@ -32,7 +32,7 @@ _UNSEEN: Any = {"color": "0.45", "linestyle": "", "marker": "v", "markerfacecolo
 
 def same_methods(table: pd.DataFrame) -> list[tuple[str, ...]]:
     """Methods in order, those together whose counts and quantiles are the same in every row."""
-    left = [column for column in table.columns if column not in ("method", "threshold")]
+    left = [column for column in table.columns if column not in ("method", "axis", "threshold")]
     # Equal but for rounding.
     counted = (
         (tuple(f"{value:.9g}" for value in rows[left].to_numpy().flat), str(name))
@@ -42,13 +42,13 @@ def same_methods(table: pd.DataFrame) -> list[tuple[str, ...]]:
 
 
 @picture("time_to_alert", "Error at the alarm, and its delay after the hazard begins, by the rate of the ramp.")
-def alert_figure(table: pd.DataFrame, *, alert: AlertLimits, title: str) -> Figure:
+def alert_figure(table: pd.DataFrame, *, judged: Judged, title: str) -> Figure:
     """The median error at the alarm, and the delay of the alarm that 95 % of passes keep, against the rate.
 
     Where a curve of the table of `pl_mc.time_to_alert` stops 5 % (half, in the upper panels) of the passes or more
     had no alarm before the end.
     """
-    ramps = table[table.rate_m_per_s > 0]
+    ramps, (called,), ((_, _, limit_m),) = table[table.rate_m_per_s > 0], judged.called, judged.levels
     taus, groups = list(dict.fromkeys(ramps.tau_s)), same_methods(table)
     figure, axes = new_figure(
         2, len(taus), width_in=4.7 * len(taus) + 0.6, height_in=8.4, title=title, sharex=True, sharey="row"
@@ -62,10 +62,10 @@ def alert_figure(table: pd.DataFrame, *, alert: AlertLimits, title: str) -> Figu
             _line(lower, kept.rate_m_per_s, kept.alert_after_hazard_95_s, style)
         upper.set(xscale="log", yscale="log")
         upper.set_title(f"{_heading(tau)}: median error at the alarm [m]")
-        limit_line(upper, alert.val_m, f"VAL {alert.val_m:g} m")
+        limit_line(upper, limit_m, judged.limits())
         lower.set_yscale("symlog", linthresh=10.0, linscale=0.8)
         _plain_ticks(lower.yaxis, (-1000, -100, -10, 0, 10, 100, 1000))
-        lower.set_title(f"{_heading(tau)}: alarm after the error passed VAL [s], 95 %")
+        lower.set_title(f"{_heading(tau)}: alarm after the error passed {called.limit} [s], 95 %")
         lower.set_xlabel("rate of the ramp [m/s]")
         # Room for the names of the limits.
         lower.set_xlim(0.75 * float(ramps.rate_m_per_s.min()), 2.6 * float(ramps.rate_m_per_s.max()))
@@ -78,7 +78,7 @@ def alert_figure(table: pd.DataFrame, *, alert: AlertLimits, title: str) -> Figu
 
 @picture("late_alerts", "How often the alarm comes later than 6, 10 and 30 s after the hazard begins.")
 def late_figure(table: pd.DataFrame, *, title: str) -> Figure:
-    """The share of passes whose alarm is later than each limit after the error passed VAL, against the rate.
+    """The share of passes whose alarm is later than each limit after the error passed its limit, against the rate.
 
     Open triangles are 95 % upper bounds where no alarm was late; the table is that of `pl_mc.time_to_alert`.
     """

@@ -4,13 +4,13 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterator, Mapping, Sequence
-from typing import Annotated, Any, Literal
+from typing import Annotated, Any, ClassVar, Literal
 
 import numpy as np
 import pandas as pd
 from pydantic import Field
 
-from pl_mc.alert import AlertLimits
+from pl_mc.alert import HORIZONTAL, VERTICAL, Judged
 from pl_mc.engine import Execution
 from pl_mc.faults import NO_FAULT, parse_fault, require_satellite
 from pl_mc.geometry import Geometry, redundancy_numbers
@@ -21,7 +21,7 @@ from pl_mc.report.findings import Findings, Table
 from pl_mc.report.text import metres, rate_text, row_rate, span
 from pl_mc.runtime.progress import with_progress
 from pl_mc.statistics import ls_quantities
-from pl_mc.studies.spec import Experiment, NamedChoice, SimulatedGeometry
+from pl_mc.studies.spec import ByAxes, NamedChoice, SimulatedGeometry
 from pl_mc.studies.study import Check, Work, refuse
 from pl_mc.studies.time_ramps.figures import alert_figure, late_figure, same_methods
 from pl_mc.time_ramps import sequential, time_to_alert
@@ -49,7 +49,7 @@ class SequentialChoice(NamedChoice):
         return sequential(self.name, **self.options)
 
 
-class TimeRampsExperiment(Experiment):
+class TimeRampsExperiment(ByAxes):
     """Ramps of several rates on one satellite over a pass, at equal false-alarm rates; see `pl_mc.time_to_alert`.
 
     Attributes:
@@ -64,6 +64,9 @@ class TimeRampsExperiment(Experiment):
         calibration_draws: fault-free passes for the thresholds, and as many to count false alarms.
         p_fa: false-alarm probability of a pass, the same for every method.
     """
+
+    most_axes: ClassVar[int] = 1
+    takes_either: ClassVar[bool] = False
 
     kind: Literal["time-ramps"] = "time-ramps"
     geometry: SimulatedGeometry
@@ -86,7 +89,8 @@ class TimeRampsExperiment(Experiment):
 
 def run(experiment: TimeRampsExperiment, execution: Execution) -> Findings:
     """Times to alert at every rate and correlation time, and the geometry through the pass."""
-    g, alert, tests = experiment.geometry.build(), experiment.alert_limits(), experiment.tests()
+    g, (judged,), tests = experiment.geometry.build(), experiment.judged(), experiment.tests()
+    axis: Literal["vertical", "horizontal"] = "vertical" if judged.axis == VERTICAL else "horizontal"
     taus = with_progress(
         iter(experiment.taus_s), total=len(experiment.taus_s), what="Correlation times", show=execution.progress
     )
@@ -94,12 +98,14 @@ def run(experiment: TimeRampsExperiment, execution: Execution) -> Findings:
         time_to_alert(
             g, experiment.satellite, experiment.rates_m_per_s, tests, tau_s=tau_s, draws=experiment.draws,
             seed=experiment.seed, share=experiment.share, onset_s=experiment.onset_s, p_fa=experiment.p_fa,
-            calibration_draws=experiment.calibration_draws, alert=alert, progress=False,
+            calibration_draws=experiment.calibration_draws, alert=judged.alert, axis=axis, progress=False,
         )
         for tau_s in taus
     ]  # fmt: skip
     table = pd.concat(tables, ignore_index=True)
-    shown, geometry = comparable(table), _through_the_pass(g, experiment.satellite)
+    if axis == VERTICAL and experiment.asked_axes() is None:
+        table = table.drop(columns="axis")
+    shown, geometry = comparable(table), _through_the_pass(g, experiment.satellite, axis)
     if shown.empty:
         raise InputError("methods: none of them can be brought to the false-alarm rate p_fa in this geometry.")
     left_out = tuple(
@@ -111,7 +117,10 @@ def run(experiment: TimeRampsExperiment, execution: Execution) -> Findings:
     return Findings(
         summary=summary(shown, geometry, experiment),
         tables=(Table("time_to_alert", table), Table("geometry", geometry)),
-        pictures=(alert_figure(shown, alert=alert, title=experiment.title), late_figure(shown, title=experiment.title)),
+        pictures=(
+            alert_figure(shown, judged=judged, title=experiment.title),
+            late_figure(shown, title=experiment.title),
+        ),
         notes=g.notes + left_out + notes_on_igg3(experiment, int(geometry.redundant.max())),
     )
 
@@ -174,8 +183,8 @@ def notes_on_igg3(experiment: TimeRampsExperiment, redundant: int) -> tuple[str,
     )
 
 
-def _through_the_pass(g: Geometry, satellite: str) -> pd.DataFrame:
-    """About every minute: satellites, redundancy, and what the faulted satellite does to the vertical position."""
+def _through_the_pass(g: Geometry, satellite: str, axis: str) -> pd.DataFrame:
+    """About every minute: satellites, redundancy, and what the faulted satellite does to the position on an axis."""
     rows = []
     for k in range(0, len(g), max(1, len(g) // 36)):
         epoch = g[k]
@@ -184,12 +193,16 @@ def _through_the_pass(g: Geometry, satellite: str) -> pd.DataFrame:
             continue
         place, quantities = epoch.names.index(satellite), ls_quantities(epoch)
         redundancy = float(redundancy_numbers(epoch)[place])
-        gain, sigma = float(quantities.gain[place]), float(epoch.sigma_m[place])
+        gain, dop_m = float(quantities.gain[place]), float(quantities.vdop_m)
+        if axis == HORIZONTAL:
+            gain, dop_m = float(np.hypot(*quantities.horizontal_gain[:, place])), float(quantities.hdop_m)
+        sigma = float(epoch.sigma_m[place])
         slope_m = abs(gain) * sigma / float(np.sqrt(redundancy)) if redundancy > 1e-9 else np.inf
         counts = int(epoch.epoch), int(epoch.satellite_count), redundant
-        rows.append((*counts, sigma, redundancy, gain, slope_m, float(quantities.vdop_m)))
-    columns = ["epoch", "satellites", "redundant", "sigma_m", "redundancy", "vertical_metres_per_metre"]
-    return pd.DataFrame(rows, columns=[*columns, "slope_m", "sigma_up_m"])
+        rows.append((*counts, sigma, redundancy, gain, slope_m, dop_m))
+    columns = ["epoch", "satellites", "redundant", "sigma_m", "redundancy", f"{axis}_metres_per_metre"]
+    spread = "sigma_up_m" if axis == VERTICAL else "sigma_horizontal_m"
+    return pd.DataFrame(rows, columns=[*columns, "slope_m", spread])
 
 
 def comparable(table: pd.DataFrame) -> pd.DataFrame:
@@ -206,21 +219,22 @@ def summary(table: pd.DataFrame, geometry: pd.DataFrame, experiment: TimeRampsEx
         geometry: the faulted satellite through the pass.
         experiment: the record.
     """
-    first, alert, p_fa = table.iloc[0], experiment.alert_limits(), experiment.p_fa
+    first, (judged,), p_fa = table.iloc[0], experiment.judged(), experiment.p_fa
+    (called,) = judged.called
     low, high, passes = geometry.slope_m.min(), geometry.slope_m.max(), int(first.false_alarm_passes)
     seen, redundant = (span(part.min(), part.max(), " to ") for part in (geometry.satellites, geometry.redundant))
     blocks: list[Block | str] = [
         f"{seen} satellites, {redundant} redundant. The error of {experiment.satellite} grows from "
-        f"{experiment.onset_s:g} s on, for {first.monitored_s:g} s; its vertical slope (error per unit of test "
-        f"statistic) is {metres(low)} to {metres(high)} m. {alert.name}, VAL {alert.vertical_m:g} m. "
+        f"{experiment.onset_s:g} s on, for {first.monitored_s:g} s; its {judged.axis} slope (error per unit of test "
+        f"statistic) is {metres(low)} to {metres(high)} m. {judged.alert.name}, {judged.limits()}. "
         f"{int(first.passes):,} passes a rate, seed {experiment.seed}; every method sees the same errors, of which "
         f"a share of {first['share']:g} of the variance is correlated (tau), the rest white.",
         f"Thresholds: at most {100 * p_fa:g} % of {passes:,} fault-free passes with an alarm, so that they "
         f"rest on {int(p_fa * first.false_alarm_passes)} of them; counted again on {passes:,} others. An alarm "
-        "is late if the vertical error passed VAL more than 6 s (10 s, 30 s) before it. Rates with 95 % "
+        f"is late if the {called.error} passed {called.limit} more than 6 s (10 s, 30 s) before it. Rates with 95 % "
         "Clopper-Pearson bounds. Methods on one line have the same numbers throughout.",
         Heading("Findings"),
-        *findings(table, alert=alert),
+        *findings(table, judged=judged),
     ]
     for tau, rows in table.groupby("tau_s", sort=False):
         rates, groups = _dangerous(rows), _by_rate(rows, same_methods(table))
@@ -235,34 +249,36 @@ def summary(table: pd.DataFrame, geometry: pd.DataFrame, experiment: TimeRampsEx
             TextTable.of(
                 ["method", "false alarms a pass", *(f"{rate}: late by 6 / 10 / 30 s" for rate in named)], lates
             ),
-            "Median and 95 % point of the time from the first error beyond VAL to the alarm [s] (negative: the "
-            "alarm came first; >: later than the end of the pass), then the median error at the alarm [m]:",
+            f"Median and 95 % point of the time from the first error beyond {called.limit} to the alarm [s] "
+            "(negative: the alarm came first; >: later than the end of the pass), then the median error at the alarm "
+            "[m]:",
             TextTable.of(["method", *named], times),
         ]
     return tuple(blocks)
 
 
-def findings(table: pd.DataFrame, *, alert: AlertLimits) -> list[Block]:
+def findings(table: pd.DataFrame, *, judged: Judged) -> list[Block]:
     """What was measured, for each correlation time: who alerts in time at which rates, and the error at the alarm.
 
     Args:
         table: of methods at one false-alarm rate.
-        alert: alert limits.
+        judged: the axis with its limit.
     """
     blocks: list[Block] = []
+    (called,), ((_, _, limit_m),) = judged.called, judged.levels
     groups = same_methods(table)
     header = ["method", *(f"in time, {limit} s" for limit in LIMITS_S), "most late by 6 s", "error at the alarm"]
     for tau, rows in table.groupby("tau_s", sort=False):
         rates, head = _dangerous(rows), _heading(float(tau))
         if not rates:
-            blocks.append(Paragraph(f"{head}: no ramp took the vertical error beyond {alert.vertical_m:g} m."))
+            blocks.append(Paragraph(f"{head}: no ramp took the {called.error} beyond {limit_m:g} m."))
             continue
         shown = ", ".join(f"{rate:g}" for rate in rates)
         blocks += [
             Paragraph(
                 f"{head}, rates of {shown} m/s. In time: late in less than {100 * _FEW_LATE:g} % of passes (95 % "
                 f"upper bound, {int(rows.passes.min()):,} passes a rate); the largest share of late passes, with "
-                "its rate; the smallest and the largest of the median vertical errors at the alarm."
+                f"its rate; the smallest and the largest of the median {called.error}s at the alarm."
             ),
             TextTable.of(header, [_finding(name, own.loc[rates]) for name, own in _by_rate(rows, groups)]),
         ]
@@ -274,7 +290,8 @@ def answer(tables: Mapping[str, pd.DataFrame], experiment: TimeRampsExperiment) 
     table = comparable(tables["time_to_alert"])
     tau = float(table.tau_s.max())
     rows = table[(table.tau_s == tau) & (table.hazards > 0)]
-    first, limit = table.iloc[0], experiment.alert_limits().vertical_m
+    first, (judged,) = table.iloc[0], experiment.judged()
+    (called,), ((_, _, limit),) = judged.called, judged.levels
     passes = f"{int(first.false_alarm_passes):,}"
     sentences = [
         f"Every method got a threshold with {100 * experiment.p_fa:g} % false alarms a pass of "
@@ -282,7 +299,7 @@ def answer(tables: Mapping[str, pd.DataFrame], experiment: TimeRampsExperiment) 
         f"between {100 * table.false_alarm_rate.min():.2f} % and {100 * table.false_alarm_rate.max():.2f} %."
     ]
     if rows.empty:
-        return (*sentences, "No ramp took the vertical error beyond the alert limit.")
+        return (*sentences, f"No ramp took the {called.error} beyond the alert limit.")
     groups = {group[0]: " = ".join(group) for group in same_methods(table)}
     for rate, kind in ((rows.rate_m_per_s.min(), "slowest"), (rows.rate_m_per_s.max(), "fastest")):
         chosen = rows[(rows.rate_m_per_s == rate) & rows.method.isin(list(groups))].set_index("method")
@@ -303,7 +320,7 @@ def _by_rate(rows: pd.DataFrame, groups: list[tuple[str, ...]]) -> list[tuple[st
 
 
 def _dangerous(rows: pd.DataFrame) -> list[float]:
-    """Rates under which some pass had an error beyond VAL."""
+    """Rates under which some pass had an error beyond the limit."""
     return [float(rate) for rate, own in rows.groupby("rate_m_per_s", sort=False) if own.hazards.max() > 0]
 
 
