@@ -201,6 +201,9 @@ def test_a_series_with_given_faults(tmp_path: Path) -> None:
     assert epochs.faulted.all()
     first = pd.read_csv(tmp_path / "out" / "redraws.csv").satellites.iloc[0]
     assert set(first.split("+")) == {"G01", "C01", "C02"}
+    summary = (tmp_path / "out" / "summary.md").read_text()
+    assert "Faults: G01:+30m:5-9; C01:+3m; C02:normal(0,9)m:8-12; drawn with seed" in summary
+    assert "over 2 draws of sizes and noise" in summary
     # The errors are those of the sweep's first draw with all faults together.
     faults = sum((pl_mc.biases(g, one) for one in SERIES["faults"]["biases"][1:]), pl_mc.biases(g, "G01:+30m:5-9"))
     errors_m, _, _ = inject(g, np.zeros(g.sigma_m.shape), faults, numbers_of_draw(g, seed=record.seed))

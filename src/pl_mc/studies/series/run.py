@@ -30,7 +30,7 @@ from pl_mc.studies.series.figures import (
     position_errors_figure,
     satellites_figure,
 )
-from pl_mc.studies.series.window_faults import AnyWindowFaults, DrawnFaults
+from pl_mc.studies.series.window_faults import AnyWindowFaults, DrawnFaults, GivenFaults
 from pl_mc.studies.series.zhao2021 import ACCURACY_COLUMNS, PAPER, oddities, paper_table
 from pl_mc.studies.sources import AnySource, ReceiverSource, Series, expected_epochs
 from pl_mc.studies.spec import Experiment, MethodChoice
@@ -267,14 +267,15 @@ def answer(tables: Mapping[str, pd.DataFrame], experiment: SeriesExperiment) -> 
     ranges = groups.up_rms_m.agg(["min", "max"]).reset_index().itertuples()
     spread = by_method(ranges, lambda row: f"{metres(row.min)} to {metres(row.max)} m")
     draws = redraws.redraw.nunique()
+    of = _drawn(experiment) if isinstance(experiment.faults, GivenFaults) else "satellites, sizes and noise"
     return (
         f"Alarms under the injected faults: {alarms} epochs; vertical error beyond the alert limit "
         f"without alarm: {missed}.",
         f"Vertical errors over all epochs: {accuracy} (the paper: {metres(up.paper_before_m)} and "
         f"{metres(up.paper_after_m)} m rms).",
-        f"Over {draws} draws of satellites, sizes and noise the vertical error ranges from (rms) {spread}."
+        f"Over {draws} draws of {of} the vertical error ranges from (rms) {spread}."
         if draws > 1
-        else "One draw of satellites, sizes and noise was made, so that its chance is in every number.",
+        else f"One draw of {of} was made, so that its chance is in every number.",
     )
 
 
@@ -285,8 +286,9 @@ def _key(experiment: SeriesExperiment) -> str:
 
 def _drawn(experiment: SeriesExperiment) -> str:
     """What differs from draw to draw; a receiver has its own noise."""
-    real = isinstance(experiment.source, ReceiverSource)
-    return "satellites and sizes" if real else "satellites, sizes and noise"
+    what = "sizes" if isinstance(experiment.faults, GivenFaults) else "satellites, sizes"
+    noise = "" if isinstance(experiment.source, ReceiverSource) else " and noise"
+    return what + noise if noise else what.replace(", ", " and ")
 
 
 def _alarms(table: pd.DataFrame, val_m: float) -> TextTable:
