@@ -10,6 +10,8 @@ import pytest
 import pl_mc
 from pl_mc.araim import Ism
 from pl_mc.error_models import Sky, error_model
+from pl_mc.error_models.atmosphere import troposphere_sigma_m
+from pl_mc.error_models.base import sigma_of_signal_m
 
 # C_int and C_acc of 96 cases, with URA 1 m and URE 2/3 m; see tests/araim.
 ROWS = np.genfromtxt(
@@ -42,6 +44,20 @@ def test_variances_are_those_of_maast():
 def test_user_errors(orbit, elevation_deg, user_m):
     sky = Sky(orbit, np.radians(elevation_deg), 0.0, 0.0, 0.0)
     assert error_model("dual_frequency").user_sigma_m(sky.checked()) == pytest.approx(user_m, rel=1e-5)
+
+
+def test_another_combination_scales_the_noise_alone():
+    """Half the amplification halves sigma_user; the troposphere and what an ISM says stay."""
+    sky = Sky(["GPS", "GAL"], np.radians([20.0, 50.0]), 0.0, 0.0, 0.0, satellite=["G01", "E02"])
+    plain, troposphere_m = error_model("dual_frequency"), troposphere_sigma_m(sky.elevation_rad)
+    amplification = np.hypot(154**2, 115**2) / (154**2 - 115**2)
+    same = sigma_of_signal_m(plain, sky, noise=np.full(2, amplification), ionosphere=np.zeros(2))
+    np.testing.assert_allclose(same, plain.sigma_m(sky), rtol=1e-12)
+    half = sigma_of_signal_m(plain, sky, noise=np.full(2, amplification / 2), ionosphere=np.zeros(2))
+    np.testing.assert_allclose(half**2, (same**2 - troposphere_m**2) / 4 + troposphere_m**2, rtol=1e-12)
+    with_ura = error_model("dual_frequency", ism=Ism(sigma_ura_m=2.0))
+    found = sigma_of_signal_m(with_ura, sky, noise=np.full(2, amplification / 2), ionosphere=np.zeros(2))
+    np.testing.assert_allclose(found**2, half**2 + 4.0, rtol=1e-12)
 
 
 def test_satellite_by_satellite():
