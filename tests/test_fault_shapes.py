@@ -280,6 +280,9 @@ def test_injected_faults_add_up_where_their_satellites_are_in_view(day: pl_mc.Ge
     np.testing.assert_array_equal(added[seen[:, setting], setting], 3.0)
     np.testing.assert_array_equal(faulted, seen[:, setting] | np.isin(np.arange(48), range(1, 6)))
     assert notes == (f"Fault {texts[0]}: {name} is out of view at {hidden} of 48 epochs.",)
+    both = pl_mc.biases(day, f"C01:+2m,{name}:+3m")
+    (note,) = inject(day, np.ones(day.sigma_m.shape), both)[2]
+    assert note == f"Fault {both.labels[0]}: a satellite of it is out of view at {hidden} of 48 epochs."
     # What is injected is the draw of a sweep.
     sampled = pl_mc.sample(day, pl_mc.biases(day, texts[2]), draws=1, seed=3, methods="ls")
     plain = pl_mc.sample(day, pl_mc.no_fault(day), draws=1, seed=3, methods="ls")

@@ -146,7 +146,9 @@ def inject(
         faulted |= _biased(g, faults, k)
         if hidden.any():
             due = (hidden | faults.applies(g)[:, k]).sum()
-            names = faults.labels[k].split(":")[0]
+            parts = [bias.of for bias, _ in faults.shaped.get(k, ())]
+            of = parts[0] if len(parts) == 1 else tuple(np.array(g.names)[faults.bias_m[k] != 0])
+            names = "+".join(of) if len(of) == 1 or len(parts) == 1 else "a satellite of it"
             notes.append(f"Fault {faults.labels[k]}: {names} is out of view at {hidden.sum()} of {due} epochs.")
     return errors, faulted, tuple(notes)
 
