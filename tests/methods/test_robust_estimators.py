@@ -235,7 +235,7 @@ def test_defaults_have_settled():
     """At epoch 545 fewer than one draw in a thousand still moves by a centimetre; after ten plain solutions many do."""
     g = pl_mc.simulate(site="CUT0", start="2017-11-21T00:00:00", constellations=("GPS", "BDS-2"), epochs=546)[545]
     faults = pl_mc.no_fault(g) + pl_mc.biases(g, {"G09": 3.5}) + pl_mc.biases(g, {"G09": 20.0})
-    methods = (Igg3(), Huber(), Tukey(), Hampel(), Danish(), Igg3(iterations=10))
+    methods = (Igg3(), Huber(), Tukey(), Hampel(), Danish(), MM(), Igg3(iterations=10))
     table = pl_mc.sweep(g, faults, draws=20_000, seed=5, methods=methods, progress=False)
     settled, ten = table[table.method != "igg3(iterations=10)"], table[table.method == "igg3(iterations=10)"]
     # A count that a rate of 1e-3 exceeds once in a million.

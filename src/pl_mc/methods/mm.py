@@ -31,7 +31,8 @@ class MM(Estimator):
     Attributes:
         c: standardised residual where the weight reaches zero; 4.685 keeps 95 % of the efficiency of least squares
             under normal errors.
-        iterations: reweighted solutions after the S-estimate.
+        iterations: reweighted solutions after the S-estimate; unless given 36, accelerated, as of an M-estimate. A
+            number alone means plain ones.
         s_steps: reweighted solutions of the S-estimate from each of its starts.
         scale: ``s_floored`` max(1, s), s the scale of the S-estimate in units of sigma; or ``s`` itself.
         cofactor: N of the residuals' standard deviations in the second part: ``fault_free``, ``reweighted`` or
@@ -46,7 +47,7 @@ class MM(Estimator):
     key = "mm"
 
     c: float = 4.685
-    iterations: int = static(10)
+    iterations: int | None = static(None)
     s_steps: int = static(10)
     scale: str = static(FLOORED)
     cofactor: str = static("fault_free")
