@@ -237,18 +237,19 @@ def test_a_satellite_twice() -> None:
 
 
 def test_a_manifest_of_the_first_version_means_ten_iterations(tmp_path: Path) -> None:
-    """Its default is another one today; what was told stays, and so do methods that are not reweighted by default."""
+    """Its default is another one today; what was told stays, and so do methods whose default is what it was."""
     experiment = {
         "kind": "sweep",
         "title": "T",
-        "methods": [{"name": "ls"}, {"name": "igg3"}, {"name": "huber", "iterations": 5}, {"name": "mm"}],
+        "methods": [*({"name": one} for one in ("ls", "igg3", "mm", "l1")), {"name": "huber", "iterations": 5}],
         "geometry": {"epochs": 1, "epoch": 0},
         "draws": 10,
         "faults": {"satellite": "G02", "start_m": 5.0, "stop_m": 10.0, "step_m": 5.0},
     }
     place = tmp_path / "manifest.json"
-    for version, igg3 in (("0.1.0", "igg3(iterations=10)"), ("0.2.0", "igg3")):
+    for version, ten in (("0.1.0", "(iterations=10)"), ("0.2.0", "")):
         content = {"name": "t", "experiment": experiment, "versions": {"pl_mc": version}}
         place.write_text(json.dumps(content), encoding="utf-8")
         _, record = load_experiment(str(place))
-        assert [method.name for method in record.method_records()] == ["ls", igg3, "huber(iterations=5)", "mm"]
+        names = ["ls", f"igg3{ten}", f"mm{ten}", "l1", "huber(iterations=5)"]
+        assert [method.name for method in record.method_records()] == names

@@ -32,7 +32,8 @@ class L1(Estimator):
 
     Attributes:
         iterations: reweighted solutions after the least-squares one. They come near slowly where two sets of t
-            satellites fit almost equally well.
+            satellites fit almost equally well: 4 to 20 % of draws have not settled to a centimetre after 50, 0.03 %
+            after 600 (results/zhao2021.md).
         eps: absolute residual, in units of sigma, below which the weight grows no more; the sum is within n eps / 2
             of the smallest.
         level_scale: what stands for pi/2 of the mean absolute residual in the levels: ``posterior``, it; ``floored``,
