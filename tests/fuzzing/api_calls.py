@@ -19,7 +19,7 @@ from numpy.random import Generator
 
 import pl_mc
 from pl_mc.faults import Bias, parse_fault
-from pl_mc.geometry.constellations import constellation_slots
+from pl_mc.geometry.constellations import add_24_24, constellation_slots
 from pl_mc.geometry.flight import fly, survey_plan
 from pl_mc.geometry.gps_time import gps_seconds
 from pl_mc.geometry.sites import site_position_m
@@ -60,7 +60,7 @@ HEAVY = ("tune", "service_volume", "time_to_alert", "exposure", "calibrate", "ri
 # Kernels are pure functions, used inside compiled ones: arrays that may be traced, which nothing can check.
 KERNELS = "pl_mc.kernels."
 # Readers of files have studies of their own; records that functions return are not made by users.
-ELSEWHERE = ("pl_mc.receiver.read_rinex", "pl_mc.receiver.read_receiver_series")
+ELSEWHERE = ("pl_mc.ism.read_ism", "pl_mc.receiver.read_rinex", "pl_mc.receiver.read_receiver_series")
 
 
 def documented(kind: str) -> dict[str, Any]:
@@ -119,6 +119,8 @@ def calls() -> Mapping[str, Call]:
         "pl_mc.geometry.redundancy_numbers": {"g": g},
         "pl_mc.geometry.constellations.constellation_slots": {"constellations": ("GPS",), "without": (),
                                                               "gps_slots": None},
+        "pl_mc.ism.as_ism": {"given": {"sigma_ura_m": {"G": 1.0, "G07": 2.4}}, "field": "ism"},
+        "pl_mc.ism.codes_of": {"names": ("G01", "E03", "own"), "systems": ("G", "E", "C")},
         "pl_mc.geometry.orbits.satellite_positions_m": {"slots": constellation_slots("GPS"), "time_gps_s": [1e9]},
         "pl_mc.geometry.frames.geodetic": {"position_m": [3582104.9, 532590.2, 5232755.3]},
         "pl_mc.geometry.frames.enu_rotation": {"latitude_rad": 0.5, "longitude_rad": [1.0, 2.0]},
@@ -198,12 +200,24 @@ def calls() -> Mapping[str, Call]:
                 "last_epoch": 5,
             },
         ),
+        "pl_mc.geometry.constellations.add_24_24": Call(add_24_24, {}),
+        "pl_mc.araim.Ism": Call(
+            pl_mc.araim.Ism,
+            {
+                "sigma_ura_m": 1.0,
+                "sigma_ure_m": {"G": 0.5, "E": 0.7},
+                "b_nom_m": 0.75,
+                "p_sat": 1e-5,
+                "p_const": {"G": 1e-8, "E": 1e-4},
+                "name": "own",
+            },
+        ),
         "pl_mc.AlertLimits": Call(pl_mc.AlertLimits, {"name": "mine", "vertical_m": 35.0, "horizontal_m": 40.0}),
         "site_position_m": Call(site_position_m, {"site": "CUT0"}),
         "gps_seconds": Call(gps_seconds, {"date": "2017-11-21"}),
         "fly": Call(fly, {"plan": survey_plan(), "epochs": 5, "interval_s": 1.0}),
     }
-    return made | _records()
+    return _records() | made
 
 
 def _records() -> dict[str, Call]:
@@ -221,6 +235,8 @@ def _records() -> dict[str, Call]:
 def with_strange(call: Call, rng: Generator) -> dict[str, Any]:
     """The arguments of a call, one or two of them strange."""
     arguments = dict(call.arguments)
+    if not arguments:
+        return arguments
     count = int(rng.integers(1, min(2, len(arguments)) + 1))
     for name in rng.choice(list(arguments), count, replace=False):
         arguments[str(name)] = STRANGE[int(rng.integers(len(STRANGE)))]

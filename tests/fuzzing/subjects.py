@@ -34,6 +34,7 @@ from pl_mc.geometry.almanac import almanac_slots  # noqa: E402
 from pl_mc.geometry.orbits import satellite_positions_m  # noqa: E402
 from pl_mc.geometry.sp3 import sp3_orbits  # noqa: E402
 from pl_mc.input_errors import InputError  # noqa: E402
+from pl_mc.ism import read_ism  # noqa: E402
 from pl_mc.receiver import read_receiver_series, read_truth  # noqa: E402
 from pl_mc.report.run_folder import read_run_folder  # noqa: E402
 
@@ -146,6 +147,16 @@ def _track(path: Path) -> Read:
     })  # fmt: skip
 
 
+_ISM = b"satellite,sigma_ura_m,p_sat,b_nom_m,p_const\nG,1.0,1e-5,0.5,1e-8\nE,1.5,1e-5,0.75,1e-4\nG07,2.4,3e-5,,\n"
+
+
+def _ism(path: Path) -> Read:
+    """Values that are within their bounds are what its author wants, so that no number is compared."""
+    message = read_ism(path)
+    assert message.values("sigma_ura_m", ["G07"], ["G"]) > 0
+    return Read({})
+
+
 def _experiment(path: Path) -> Read:
     found = check_experiment(str(path))
     if found.problems:
@@ -247,6 +258,7 @@ def subjects() -> Mapping[str, Subject]:
         Subject("track, geodetic", _track_text("geodetic"), _track, ".csv", 1.0, fewer_lines),
         Subject("track, Earth-fixed", _track_text("xyz"), _track, ".csv", 1.0, fewer_lines),
         Subject("track, gzip", gzip.compress(_track_text("xyz"), mtime=0), _track, ".csv.gz", 1.0),
+        Subject("integrity support message", _ISM, _ism, ".csv"),
         Subject("experiment, sweep", _toml("sweep"), _experiment, ".toml"),
         Subject("experiment, service", _toml("service"), _experiment, ".toml"),
         Subject("manifest", _manifest_text(), _manifest, ".json"),

@@ -32,7 +32,7 @@ PROTOCOLS = {
 SUMMED = SequentialParity((50.0,))
 M_ESTIMATES = ("igg3", "igg3_gated", "huber", "tukey", "hampel", "danish", "l1", "mm")
 TABLE = {name: {"scales_with_k"} for name in M_ESTIMATES} | {
-    "ls": {"exact_law", "scales_with_k"},
+    "ls": {"exact_law", "levels_from_geometry", "scales_with_k"},
     "araim": {"levels_from_geometry", "batched_levels", "statistic"},
     "slope": {"levels_from_geometry", "statistic"},
     "range_comparison": {"levels_from_geometry", "statistic"},

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import dataclasses
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import jax
 import jax.numpy as jnp
@@ -27,6 +27,7 @@ from pl_mc.kernels import (
 )
 from pl_mc.kernels.parameters import as_trees, traced
 from pl_mc.methods import METHODS, Igg3, Ls, method
+from pl_mc.methods.capabilities import scales_with_k
 from reference.problems import appendix_d, random_sky
 
 G = appendix_d()
@@ -44,27 +45,29 @@ def leaves(name: str) -> dict[str, float]:
     return {path[-1].name: value for path, value in paths}
 
 
-@pytest.mark.parametrize("name", NAMES)
-def test_another_number_compiles_nothing(name: str) -> None:
-    """Of every leaf alone; and the counts are those of that number, not of the first one."""
+def counts(methods) -> np.ndarray:
+    """(methods, faults, 3), alarms, exceeded and unavailable."""
+    table = pl_mc.sweep(G, FAULTS, draws=100, seed=3, methods=methods, progress=False)
+    return table[["alarms", "exceeded", "unavailable"]].to_numpy().reshape(len(methods), len(FAULTS), 3)
 
-    def counts(one) -> np.ndarray:
-        table = pl_mc.sweep(G, FAULTS, draws=100, seed=3, methods=(one,), progress=False)
-        return table[["alarms", "exceeded", "unavailable"]].to_numpy()
 
-    default = method(name)
-    first = counts(default)
+def test_another_number_compiles_nothing() -> None:
+    """Of every leaf of every method; and the counts are those of that number, not of the first one."""
+    first = [method(name) for name in NAMES]
+    assert all({"k_horizontal", "k_vertical"} <= set(leaves(name)) for name in NAMES)
+    usual = counts(first)
     compiled = compiled_count(1)._cache_size()
-    known = leaves(name)
-    assert {"k_horizontal", "k_vertical"} <= set(known)
-    moved = [counts(dataclasses.replace(default, **{leaf: 1.1 * value})) for leaf, value in known.items()]
+    for k in range(max(len(leaves(name)) for name in NAMES)):
+        # The k-th leaf of each, while there is one.
+        known = [list(leaves(name).items())[min(k, len(leaves(name)) - 1)] for name in NAMES]
+        counts([replace(one, **{leaf: 1.1 * value}) for one, (leaf, value) in zip(first, known, strict=True)])
+    nothing = counts([replace(one, k_vertical=1e-9) for one in first])
     assert compiled_count(1)._cache_size() == compiled
-    assert all(one.shape == first.shape for one in moved)
-    if default.__dict__.get("form", "sigma") == "sigma":
-        # Every error is beyond a level of nothing.
-        nothing = counts(dataclasses.replace(default, k_vertical=1e-9))
-        assert compiled_count(1)._cache_size() == compiled
-        assert (nothing[:, 1] == 100).all()
+    # Every error is beyond a level of nothing, where K is what makes the level.
+    by_k = [scales_with_k(one) is not None for one in first]
+    assert sum(by_k) >= 10
+    assert (nothing[by_k, :, 1] == 100).all()
+    assert (usual[by_k, 0, 1] < 100).all()
 
 
 def test_structure_compiles_anew() -> None:
@@ -134,9 +137,12 @@ def test_a_method_goes_through_grad_and_vmap() -> None:
     # The level is a multiple of K_V, and knows nothing of K_H.
     assert slope.k_vertical == pytest.approx(float(mean_vpl(Ls())) / Ls().k_vertical)
     assert slope.k_horizontal == 0.0
-    many = jax.vmap(mean_vpl)(Igg3(k0=jnp.asarray([1.5, 2.0]), k1=jnp.asarray([5.0, 6.0]), k_horizontal=jnp.ones(2),
-                                  k_vertical=jnp.full(2, 5.33)))  # fmt: skip
-    alone = [mean_vpl(Igg3(k0=k0, k1=k1)) for k0, k1 in ((1.5, 5.0), (2.0, 6.0))]
+    grid = Igg3(
+        k0=jnp.asarray([1.5, 2.0]), k1=jnp.asarray([5.0, 6.0]), k_horizontal=jnp.ones(2), k_vertical=jnp.full(2, 5.33),
+        iterations=4,
+    )  # fmt: skip
+    many = jax.vmap(mean_vpl)(grid)
+    alone = [mean_vpl(Igg3(k0=k0, k1=k1, iterations=4)) for k0, k1 in ((1.5, 5.0), (2.0, 6.0))]
     np.testing.assert_allclose(many, alone, rtol=1e-12)
 
 

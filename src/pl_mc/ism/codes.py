@@ -9,6 +9,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from pl_mc.constants import MOST_SATELLITES
+from pl_mc.input_errors import InputError, require_choice, require_list, shown
 
 LETTERS = "".join(MOST_SATELLITES)
 # Codes of one constellation; the first of them is for satellites whose name is none that exists.
@@ -25,7 +26,12 @@ def number_of(name: str) -> int:
 
 def codes_of(names: Sequence[str], systems: Sequence[str]) -> NDArray[np.int32]:
     """(m,), `EACH` times the place of each satellite's system in `LETTERS`, and its number if its name has one."""
-    pairs = zip(names, systems, strict=True)
+    words, letters = (require_list(x, field=f, of="words") for x, f in ((names, "names"), (systems, "systems")))
+    if len(words) != len(letters) or not all(isinstance(name, str) for name in words):
+        raise InputError(f"names: a word for each of the {len(letters)} systems is needed, not {shown(names)}.")
+    for letter in letters:
+        require_choice(letter, LETTERS, field="systems")
+    pairs = zip(words, letters, strict=True)
     codes = [EACH * LETTERS.index(s) + (number_of(name) if name[:1] == s else 0) for name, s in pairs]
     return np.array(codes, dtype=np.int32)
 
