@@ -19,7 +19,7 @@ from numpy.random import Generator
 
 import pl_mc
 from pl_mc.faults import Bias, parse_fault
-from pl_mc.geometry.constellations import add_24_24, constellation_slots
+from pl_mc.geometry.constellations import constellation_slots
 from pl_mc.geometry.flight import fly, survey_plan
 from pl_mc.geometry.gps_time import gps_seconds
 from pl_mc.geometry.sites import site_position_m
@@ -59,8 +59,13 @@ HEAVY = ("tune", "service_volume", "time_to_alert", "exposure", "calibrate", "ri
          "solve", "sample", "sweep")  # fmt: skip
 # Kernels are pure functions, used inside compiled ones: arrays that may be traced, which nothing can check.
 KERNELS = "pl_mc.kernels."
-# Readers of files have studies of their own; records that functions return are not made by users.
-ELSEWHERE = ("pl_mc.ism.read_ism", "pl_mc.receiver.read_rinex", "pl_mc.receiver.read_receiver_series")
+# What takes no argument, and readers of files, which have studies of their own; records that functions return are not made by users.
+ELSEWHERE = (
+    "pl_mc.geometry.constellations.add_24_24",
+    "pl_mc.ism.read_ism",
+    "pl_mc.receiver.read_rinex",
+    "pl_mc.receiver.read_receiver_series",
+)
 
 
 def documented(kind: str) -> dict[str, Any]:
@@ -200,7 +205,6 @@ def calls() -> Mapping[str, Call]:
                 "last_epoch": 5,
             },
         ),
-        "pl_mc.geometry.constellations.add_24_24": Call(add_24_24, {}),
         "pl_mc.araim.Ism": Call(
             pl_mc.araim.Ism,
             {
@@ -235,8 +239,6 @@ def _records() -> dict[str, Call]:
 def with_strange(call: Call, rng: Generator) -> dict[str, Any]:
     """The arguments of a call, one or two of them strange."""
     arguments = dict(call.arguments)
-    if not arguments:
-        return arguments
     count = int(rng.integers(1, min(2, len(arguments)) + 1))
     for name in rng.choice(list(arguments), count, replace=False):
         arguments[str(name)] = STRANGE[int(rng.integers(len(STRANGE)))]

@@ -26,7 +26,9 @@ def number_of(name: str) -> int:
 
 def codes_of(names: Sequence[str], systems: Sequence[str]) -> NDArray[np.int32]:
     """(m,), `EACH` times the place of each satellite's system in `LETTERS`, and its number if its name has one."""
-    words, letters = (require_list(x, field=f, of="words") for x, f in ((names, "names"), (systems, "systems")))
+    words = require_list(names, field="names", of="words")
+    # Letters may stand in one word.
+    letters = list(systems) if isinstance(systems, str) else require_list(systems, field="systems", of="letters")
     if len(words) != len(letters) or not all(isinstance(name, str) for name in words):
         raise InputError(f"names: a word for each of the {len(letters)} systems is needed, not {shown(names)}.")
     for letter in letters:
