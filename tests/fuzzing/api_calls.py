@@ -59,7 +59,8 @@ HEAVY = ("tune", "service_volume", "time_to_alert", "exposure", "calibrate", "ri
          "solve", "sample", "sweep")  # fmt: skip
 # Kernels are pure functions, used inside compiled ones: arrays that may be traced, which nothing can check.
 KERNELS = "pl_mc.kernels."
-# What takes no argument, and readers of files, which have studies of their own; records that functions return are not made by users.
+# What takes no argument, and readers of files, which have studies of their own; records that functions return are not
+# made by users.
 ELSEWHERE = (
     "pl_mc.geometry.constellations.add_24_24",
     "pl_mc.ism.read_ism",
