@@ -40,6 +40,10 @@ def _level_words(judged: Judged) -> str:
     return "protection level" if judged.axis == EITHER else f"{judged.axis} protection level"
 
 
+# Height of an entry of a legend in a third of a page, as a share of the axes.
+_ENTRY_HEIGHT = 0.08
+
+
 @in_common_look
 def ramp_figure(
     rates: pd.DataFrame, levels: pd.DataFrame, exact: pd.DataFrame, *, judged: Judged, title: str
@@ -66,6 +70,10 @@ def ramp_figure(
     _limit_lines(top, judged)
     top.set(ylabel=f"{_level_words(judged)} [m]", ylim=(0, None))
     top.set_title("Protection level")
+    # The legend stands above every line of a limit.
+    entries = len(top.get_legend_handles_labels()[1])
+    below = 0.96 - _ENTRY_HEIGHT * entries
+    top.set_ylim(0, max(top.get_ylim()[1], *(limit / below for _, _, limit in judged.levels)))
     top.legend(loc="upper left")
 
     for axes, event, curve in (
@@ -88,7 +96,7 @@ def ramp_figure(
     bottom.set(yscale="log", ylabel=_probability("misleading", judged), xlabel="bias [m]")
     bottom.set_ylim(0.01 * min(one.promise for one in judged.called), 2.0)
     bottom.set_title("Misleading information (arrow: 95 % upper bound where nothing was seen)")
-    bottom.legend(loc="lower right", ncols=2)
+    bottom.legend(loc="best", ncols=2)
     return figure
 
 
