@@ -44,7 +44,7 @@ def _problem(g: Geometry, objective: str = "vpl", step: float = 0.05, iterations
         design=np.asarray(g.design),
         sigma_m=np.asarray(g.sigma_m),
         bias_m=faults.bias_m,
-        options=Igg3(k0=1.0, k1=2.0, iterations=iterations).options,
+        method=Igg3(k0=1.0, k1=2.0, iterations=iterations),
         target=TARGET,
         misleading=True,
         objective=objective,
@@ -65,13 +65,15 @@ def _solved(g: Geometry, errors_m: np.ndarray, method: Igg3) -> tuple[np.ndarray
     return level_m, np.abs(np.asarray(outcome.error_m[2])), np.asarray(outcome.available)
 
 
-def test_ratios_and_levels_are_those_of_the_method(g: Geometry) -> None:
+@pytest.mark.parametrize("level_scale", ["posterior", "floored"])
+def test_ratios_and_levels_are_those_of_the_method(g: Geometry, level_scale: str) -> None:
     """Traced limits and the frozen record's make the same numbers."""
     noise, problem = _noise(g), _problem(g)
+    problem = dataclasses.replace(problem, method=dataclasses.replace(problem.method, level_scale=level_scale))
     drawn = problem.draws(np.array([1.2, 4.0]), noise)
     for k, bias_m in enumerate(problem.bias_m):
         level_m, error_m, known = _solved(
-            g, noise * np.asarray(g.sigma_m) + bias_m, Igg3(k0=1.2, k1=4.0, iterations=10)
+            g, noise * np.asarray(g.sigma_m) + bias_m, Igg3(k0=1.2, k1=4.0, iterations=10, level_scale=level_scale)
         )
         worth_m = np.minimum(error_m, 35.0)
         np.testing.assert_allclose(drawn.log_ratio[k][known], np.log(worth_m / level_m)[known], rtol=0, atol=1e-9)

@@ -16,6 +16,7 @@ descents by derivatives over 32,768 draws one stayed where it began, a third abo
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
+from typing import Any
 
 import jax
 import jax.numpy as jnp
@@ -25,8 +26,8 @@ from scipy import optimize, special
 
 from pl_mc.arrays import FloatArray
 from pl_mc.integrity_risk.k_factor.error_to_level_ratio import ratio_of
-from pl_mc.kernels import Igg3Weight, IrlsOptions, irls, linear_model, protection_levels, start_from
-from pl_mc.methods.base import outcome_of
+from pl_mc.kernels import linear_model, start_from
+from pl_mc.methods import Igg3
 from pl_mc.runtime.precision import precision_scope
 
 # Design (n, t) [m/m], sigma (n,) [m], bias (n,) [m], whitened noise (N, n), vertical alert limit [m], whether the
@@ -80,7 +81,7 @@ class TuningProblem:
     Attributes:
         design: (n, t) [m/m]; sigma_m: (n,) [m].
         bias_m: (f, n), faults under which the target is kept [m].
-        options: of the estimate; its limits are of no account.
+        method: the estimate; its limits and its multiplier are of no account.
         target: probability of the event.
         misleading: whether the event is misleading information, else an error beyond the level.
         objective: ``vpl`` or ``alarms``, both fault-free.
@@ -91,7 +92,7 @@ class TuningProblem:
     design: FloatArray
     sigma_m: FloatArray
     bias_m: FloatArray
-    options: IrlsOptions
+    method: Igg3
     target: float
     misleading: bool
     objective: str
@@ -127,7 +128,7 @@ class TuningProblem:
                     self.design, self.sigma_m, bias_m, whole, np.float64(self.vertical_m),
                     np.bool_(self.misleading),
                 )  # fmt: skip
-                values = _values(limits, scenario, self.options)
+                values = _values(limits, scenario, self.method)
                 found[:, begin : begin + len(some)] = np.asarray(values)[:, : len(some)]
         return found
 
@@ -202,16 +203,17 @@ def cost(objective: str, k: float, log_unit_m: FloatArray, vertical_m: float) ->
 
 
 @jax.jit
-def _values(limits: Array, scenario: Scenario, options: IrlsOptions) -> Array:
+def _values(limits: Array, scenario: Scenario, method: Igg3) -> Array:
     """(2, N), logarithms of the ratio and of the level for a multiplier of one."""
     design, sigma_m, bias_m, noise, vertical_m, misleading = scenario
     model = linear_model(design, sigma_m)
-    limited = replace(options, weight=Igg3Weight(limits[0], limits[1]))
+    numbers: dict[str, Any] = {"k0": limits[0], "k1": limits[1], "k_vertical": 1.0}
+    limited = replace(method, **numbers)
+    prepared = limited.prepare(model)
 
     def one_tile(tile: Array) -> Array:
         start = start_from(model, tile.T * sigma_m[:, None] + bias_m[:, None])
-        estimate = irls(model, start, limited)
-        outcome = outcome_of(estimate, protection_levels(estimate, k_vertical=1.0))
+        outcome = limited.solve(model, prepared, start)
         ratio = ratio_of(outcome, vertical_m, misleading)
         event = (ratio > 0) & jnp.isfinite(ratio)
         level = outcome.available & (outcome.vpl_m > 0)

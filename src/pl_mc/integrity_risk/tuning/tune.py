@@ -163,7 +163,7 @@ def tune(
         design=np.asarray(g.design),
         sigma_m=np.asarray(g.sigma_m),
         bias_m=np.asarray(faults.bias_m, dtype=float),
-        options=replace(record, k0=1.0, k1=2.0).options,
+        method=record,
         target=target,
         misleading=event == MISLEADING,
         objective=objective,
