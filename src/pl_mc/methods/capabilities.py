@@ -20,7 +20,7 @@ from pl_mc.input_errors import InputError
 from pl_mc.kernels import LeastSquaresSolution, LinearModel
 from pl_mc.methods.base import Method
 from pl_mc.methods.registry import METHODS
-from pl_mc.statistics.exact import AprioriLaw, LeastSquaresLaw
+from pl_mc.statistics.exact import Law
 
 AnyMethod = TypeVar("AnyMethod", bound=Method)
 
@@ -65,7 +65,7 @@ class ExactLaw(Protocol):
     """Exact rates of alarm, hazard, missed and misleading information under any fault."""
 
     @property
-    def exact_law(self) -> LeastSquaresLaw | AprioriLaw | None:
+    def exact_law(self) -> Law | None:
         """The law of its error, level and alarm, under Gaussian errors with the sigma of the model; options decide."""
 
 
@@ -108,7 +108,7 @@ def statistic(method: object) -> Callable[[LinearModel, Any, LeastSquaresSolutio
     return declared(method, "statistic")
 
 
-def exact_law(method: object) -> LeastSquaresLaw | AprioriLaw | None:
+def exact_law(method: object) -> Law | None:
     """The exact law of a method, if it has one; see `ExactLaw`."""
     return declared(method, "exact_law")
 

@@ -9,7 +9,7 @@ from pl_mc.kernels import Estimate, LeastSquaresSolution, LinearModel, least_squ
 from pl_mc.kernels.levels import APRIORI, FLOORED
 from pl_mc.kernels.parameters import static, traced
 from pl_mc.methods.base import Estimator
-from pl_mc.statistics.exact import AprioriLaw, LeastSquaresLaw
+from pl_mc.statistics.exact import AprioriLaw, Law, LeastSquaresLaw
 
 
 @traced
@@ -35,7 +35,7 @@ class Ls(Estimator):
         return self.level_scale == APRIORI
 
     @property
-    def exact_law(self) -> LeastSquaresLaw | AprioriLaw | None:
+    def exact_law(self) -> Law | None:
         if self.level_scale == APRIORI:
             return AprioriLaw(self.k_vertical, self.k_horizontal)
         return None if self.level_scale == FLOORED else LeastSquaresLaw(self.k_vertical, self.k_horizontal)

@@ -7,6 +7,7 @@ rate is a tail or an integral over one variable, or over two for the length of t
 
 from __future__ import annotations
 
+from abc import ABC, abstractmethod
 from dataclasses import dataclass
 from typing import Literal
 
@@ -88,7 +89,6 @@ def ls_rates(
     factor = factors[axis][0]
     quantities = ls_quantities(g)
     effects = fault_effects(g, faults, quantities)
-    series = g.as_series()
 
     available = np.atleast_1d(quantities.available)[effects.epoch_index]
     epoch = effects.epoch_index[available]
@@ -108,14 +108,7 @@ def ls_rates(
             **shared, slope=factor * dop_m / (largest_m * np.sqrt(dof)), limit=limit_m / largest_m, ratio=ratio,
             major=major, minor=minor,
         )  # fmt: skip
-    return pd.DataFrame(
-        {
-            "epoch": series.epoch[effects.epoch_index],
-            "fault": np.array(faults.labels, dtype=object)[effects.fault_index],
-            "bias_m": faults.scalar_bias_m[effects.fault_index],
-            **dict(zip(RATE_COLUMNS, rates, strict=True)),
-        }
-    )
+    return _table(g, faults, effects, rates)
 
 
 def _principal(
@@ -133,11 +126,10 @@ def _principal(
 
 
 @dataclass(frozen=True)
-class LeastSquaresLaw:
+class Law(ABC):
     """The law of a method whose position is weighted least squares and which has no test but its level.
 
-    VPL = k_vertical sqrt(V'PV / (n - t)) VDOP, HPL likewise, and there is an alarm where the level of the axis that
-    decides is beyond its limit or there is no solution (Zhao et al. 2021, eqs 4, 12, 14, 16).
+    There is an alarm where the level of the axis that decides is beyond its limit or there is no solution.
 
     Attributes:
         k_vertical, k_horizontal: multipliers of the levels.
@@ -146,50 +138,76 @@ class LeastSquaresLaw:
     k_vertical: float = K_VERTICAL
     k_horizontal: float = K_HORIZONTAL
 
+    @abstractmethod
     def rates(
         self, g: Geometry, faults: Faults, alert: AlertLimits, axis: Literal["vertical", "horizontal"] = "vertical"
     ) -> pd.DataFrame:
         """The exact rates under each fault, as of `ls_rates`."""
+
+
+@dataclass(frozen=True)
+class LeastSquaresLaw(Law):
+    """VPL = k_vertical sqrt(V'PV / (n - t)) VDOP, HPL likewise (Zhao et al. 2021, eqs 4, 12, 14, 16)."""
+
+    def rates(
+        self, g: Geometry, faults: Faults, alert: AlertLimits, axis: Literal["vertical", "horizontal"] = "vertical"
+    ) -> pd.DataFrame:
         if axis == HORIZONTAL:
             return ls_rates(g, faults, alert=alert, axis="horizontal", k_horizontal=self.k_horizontal)
         return ls_rates(g, faults, alert=alert, k_vertical=self.k_vertical)
 
 
 @dataclass(frozen=True)
-class AprioriLaw:
-    """The law of least squares whose levels are multiples of its a-priori standard deviations.
+class AprioriLaw(Law):
+    """VPL = k_vertical VDOP, HPL = k_horizontal HDOP: multiples of the a-priori standard deviations.
 
-    VPL = k_vertical VDOP, HPL = k_horizontal HDOP: no error changes them, so that there is an alarm always or never,
-    and every other rate is a tail of the error alone.
-
-    Attributes:
-        k_vertical, k_horizontal: multipliers of the levels.
+    No error changes them, so that there is an alarm always or never, and every other rate is a tail of the error alone.
     """
 
-    k_vertical: float = K_VERTICAL
-    k_horizontal: float = K_HORIZONTAL
-
+    @ordinary_arithmetic
     def rates(
         self, g: Geometry, faults: Faults, alert: AlertLimits, axis: Literal["vertical", "horizontal"] = "vertical"
     ) -> pd.DataFrame:
-        """The exact rates under each fault, with the columns of `ls_rates`."""
-        factor = self.k_vertical if axis == VERTICAL else self.k_horizontal
-        # Hazards do not depend on the level.
-        table, quantities = ls_rates(g, faults, alert=alert, axis=axis), ls_quantities(g)
+        vertical, limit_m = axis == VERTICAL, alert.limit_m[as_axis(axis, alert)]
+        quantities = ls_quantities(g)
         effects = fault_effects(g, faults, quantities)
-        level_m = factor * np.ravel(quantities.vdop_m if axis == VERTICAL else quantities.hdop_m)[effects.epoch_index]
-        available = np.ravel(quantities.available)[effects.epoch_index]
-        hazard, exceeded = table.hazard_rate.to_numpy(), np.zeros(len(table))
-        if axis == VERTICAL:
-            sigma_m = level_m[available] / factor
-            mean = np.abs(effects.vertical_m[available]) / sigma_m
-            exceeded[available] = special.ndtr(mean - factor) + special.ndtr(-mean - factor)
-        else:
+        available = np.atleast_1d(quantities.available)[effects.epoch_index]
+        dop_m = np.atleast_1d(quantities.vdop_m if vertical else quantities.hdop_m)[effects.epoch_index[available]]
+        level_m = (self.k_vertical if vertical else self.k_horizontal) * dop_m
+
+        def tails(size_m: FloatArray) -> tuple[FloatArray, FloatArray]:
+            """P(error <= size) and P(error > size)."""
+            if vertical:
+                return _normal_tails(size_m / dop_m, effects.vertical_m[available] / dop_m)
             largest_m, *shape = _principal(quantities, effects, available)
-            exceeded[available] = length_beyond(level_m[available] / largest_m, *shape)[1]
-        alarm = ~available | (level_m > alert.limit_m[axis])
-        rates = (alarm, hazard, ~alarm * hazard, ~alarm * exceeded, exceeded, (alarm & available) * (1.0 - hazard))
-        return table.assign(**{name: np.asarray(rate, float) for name, rate in zip(RATE_COLUMNS, rates, strict=True)})
+            return length_beyond(size_m / largest_m, *shape)
+
+        (harmless, hazard), (_, exceeded) = tails(np.full_like(level_m, limit_m)), tails(level_m)
+        alarm = level_m > limit_m
+        rates = np.zeros((len(RATE_COLUMNS), available.size))
+        rates[0] = 1.0
+        rates[:, available] = alarm, hazard, ~alarm * hazard, ~alarm * exceeded, exceeded, alarm * harmless
+        return _table(g, faults, effects, rates)
+
+
+def _normal_tails(limit: FloatArray, shift: FloatArray) -> tuple[FloatArray, FloatArray]:
+    """P(|Z + shift| <= limit) and P(... > limit)."""
+    mean = np.abs(shift)
+    # Both terms in the lower tail, where the normal distribution function keeps its relative accuracy.
+    within = special.ndtr(limit - mean) - special.ndtr(-limit - mean)
+    return within, special.ndtr(mean - limit) + special.ndtr(-mean - limit)
+
+
+def _table(g: Geometry, faults: Faults, effects: FaultEffects, rates: FloatArray) -> pd.DataFrame:
+    """The table of `ls_rates`, of rates (6, pairs)."""
+    return pd.DataFrame(
+        {
+            "epoch": g.as_series().epoch[effects.epoch_index],
+            "fault": np.array(faults.labels, dtype=object)[effects.fault_index],
+            "bias_m": faults.scalar_bias_m[effects.fault_index],
+            **dict(zip(RATE_COLUMNS, rates, strict=True)),
+        }
+    )
 
 
 def error_and_alarm_rates(
@@ -208,10 +226,7 @@ def error_and_alarm_rates(
     """
     quiet, alarmed = split_at_threshold(threshold, dof, noncentrality)
     misleading, exceeded_with_alarm = joint_exceedance(threshold, dof, noncentrality, slope, shift)
-    mean = np.abs(shift)
-    hazard = special.ndtr(mean - limit) + special.ndtr(-mean - limit)
-    # Both terms in the lower tail, where the normal distribution function keeps its relative accuracy.
-    harmless = special.ndtr(limit - mean) - special.ndtr(-limit - mean)
+    harmless, hazard = _normal_tails(limit, shift)
     misleading = np.minimum(misleading, quiet)
     exceeded = np.minimum(misleading + exceeded_with_alarm, 1.0)
     return np.stack([alarmed, hazard, hazard * quiet, misleading, exceeded, alarmed * harmless])
