@@ -24,31 +24,46 @@ FAULTS = pl_mc.no_fault(G) + pl_mc.biases(G, {"G03": 8.0})
 ESTIMATES = sorted(name for name, made in METHODS.items() if issubclass(made, Estimator))
 
 
-def levels(*methods) -> np.ndarray:
-    """(methods, draws, 2), VPL and HPL [m] of drawn errors."""
+def model_and_start():
+    """The geometry, and least squares of 60 draws, half of them with a fault."""
     errors_m = np.random.default_rng(4).standard_normal((60, len(G.names))) * G.sigma_m
     errors_m[30:, 2] += 8.0
     model = linear_model(np.asarray(G.design), np.asarray(G.sigma_m))
-    start = start_from(model, errors_m.T)
-    solve = jax.jit(lambda start: [one.solve(model, one.prepare(model), start) for one in methods])
-    return np.array([[one.vpl_m, one.hpl_m] for one in solve(start)]).swapaxes(1, 2)
+    return model, start_from(model, errors_m.T)
+
+
+def levels(one) -> np.ndarray:
+    """(draws, 2), VPL and HPL [m]."""
+    model, start = model_and_start()
+    outcome = one.solve(model, one.prepare(model), start)
+    return np.stack([outcome.vpl_m, outcome.hpl_m], axis=-1)
 
 
 def test_floored_levels_are_the_larger_of_the_two_others() -> None:
+    """One estimate of each method, with levels of every scale."""
+    scales = ("posterior", "apriori", "floored")
     few = [replace(method(name), **({} if name == "ls" else {"iterations": 3})) for name in ESTIMATES]
-    posterior, apriori, floored = (
-        [replace(one, level_scale=scale) for one in few] for scale in ("posterior", "apriori", "floored")
-    )
-    assert replace(method("huber"), level_scale="floored").name == "huber(level_scale=floored)"
-    found = levels(*posterior, *apriori, *floored).reshape(3, len(few), 60, 2)
+    assert replace(few[0], level_scale="floored").name.endswith("level_scale=floored)")
+    model, start = model_and_start()
+
+    def every(start):
+        estimates = [(one, one._estimate(model, start)) for one in few]
+        return [[replace(one, level_scale=scale)._levels(found) for one, found in estimates] for scale in scales]
+
+    found = np.array([[[one.vpl_m, one.hpl_m] for one in part] for part in jax.jit(every)(start)])
     np.testing.assert_allclose(found[2], np.maximum(found[0], found[1]), rtol=1e-12)
+    # What a method says are these levels.
+    for name in ("igg3_gated", "l1", "ls"):
+        place = ESTIMATES.index(name)
+        said = levels(replace(few[place], level_scale="floored"))
+        np.testing.assert_allclose(said, found[2, place].T, rtol=1e-12)
     # There are errors of either kind for each.
     assert (found[1] > found[0]).any(axis=(1, 2)).all()
     assert (found[1] < found[0]).any(axis=(1, 2)).all()
 
 
 def test_the_apriori_level_of_least_squares_is_its_standard_deviation() -> None:
-    (found,) = levels(Ls(level_scale="apriori"))
+    found = levels(Ls(level_scale="apriori"))
     quantities = ls_quantities(G)
     np.testing.assert_allclose(found[:, 0], 5.33 * float(quantities.vdop_m), rtol=1e-12)
     np.testing.assert_allclose(found[:, 1], 6.18 * float(quantities.hdop_m), rtol=1e-12)
