@@ -37,8 +37,8 @@ LAYERS = (
 )
 # Rooms of integrity risk: each may know those before it; nobody knows of the last, which knows nothing of the two
 # before it.
-RISK_ROOMS = ("rare", "worst", "k_factor", "tuning", "budget")
-OF_BUDGET = {"rare", "worst"}
+RISK_ROOMS = ("modes", "rare", "worst", "given_residuals", "k_factor", "tuning", "budget")
+OF_BUDGET = {"modes", "rare", "worst"}
 # A study may know its own room, what all share (files beside the rooms) and these rooms of others.
 STUDY_ROOMS = {"readings": {"series"}}
 MOST_LINES = 420

@@ -22,6 +22,8 @@ from pl_mc.geometry import Geometry as Geometry
 from pl_mc.geometry import simulate as simulate
 from pl_mc.input_errors import InputError as InputError
 from pl_mc.integrity_risk.budget import risk_budget as risk_budget
+from pl_mc.integrity_risk.given_residuals import RiskBudget as RiskBudget
+from pl_mc.integrity_risk.given_residuals import level_risk as level_risk
 from pl_mc.integrity_risk.k_factor import calibrate as calibrate
 from pl_mc.integrity_risk.rare import exposure as exposure
 from pl_mc.integrity_risk.rare import risk as risk

@@ -16,7 +16,7 @@ from pl_mc.faults import Faults, biases, no_fault, ramps
 from pl_mc.geometry.record import Geometry
 from pl_mc.input_errors import InputError
 from pl_mc.integrity_risk.budget.budget import risk_budget
-from pl_mc.integrity_risk.budget.fault_modes import Mode, Sizes, fault_modes, not_monitored
+from pl_mc.integrity_risk.modes.fault_modes import Mode, Sizes, fault_modes, not_monitored
 from pl_mc.integrity_risk.worst.worst_case import worst_case
 from pl_mc.methods import Igg3
 from pl_mc.statistics import binomial_p_value, ls_rates

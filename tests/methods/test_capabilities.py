@@ -34,6 +34,7 @@ M_ESTIMATES = ("igg3", "igg3_gated", "huber", "tukey", "hampel", "danish", "l1",
 TABLE = {name: {"scales_with_k"} for name in M_ESTIMATES} | {
     "ls": {"exact_law", "levels_from_geometry", "scales_with_k"},
     "araim": {"levels_from_geometry", "batched_levels", "statistic"},
+    "separated": set(),
     "slope": {"levels_from_geometry", "statistic"},
     "range_comparison": {"levels_from_geometry", "statistic"},
     "nioraim": {"levels_from_geometry"},

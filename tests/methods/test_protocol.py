@@ -153,9 +153,9 @@ def test_availability(any_method, satellites, available):
 
     Levels that rest on what is known before need t of them alone.
     """
-    if any_method == method("araim"):
-        # It has no level where the fault of a constellation is probable and leaves no position.
-        any_method = method("araim", p_const=0.0)
+    if any_method.name in ("araim", "separated"):
+        # They have no level where the fault of a constellation is probable and leaves no position.
+        any_method = method(any_method.name, p_const=0.0)
     if any_method == method("sbas"):
         available = satellites not in ([], [0, 1, 5, 6])
     found = outcome(any_method, *scenarios(), np.isin(np.arange(10), satellites))
@@ -197,8 +197,8 @@ def test_a_turn_about_the_vertical_turns_the_error_alone(any_method):
     turned = np.hstack([design[:, :3] @ rotation.T, design[:, 3:]])
     found, expected = outcome(any_method, turned, sigma, observed), outcome(any_method, design, sigma, observed)
     np.testing.assert_allclose(found.vpl_m, expected.vpl_m, rtol=TOLERANCE)
-    if any_method.name != "araim":
-        # The horizontal level of ARAIM puts levels along two axes together, so that it depends on these.
+    if any_method.name not in ("araim", "separated"):
+        # Their horizontal level puts levels along two axes together, so that it depends on these.
         np.testing.assert_allclose(found.hpl_m, expected.hpl_m, rtol=TOLERANCE)
     np.testing.assert_allclose(found.error_m, rotation @ np.asarray(expected.error_m), rtol=0, atol=TOLERANCE)
 

@@ -1,1 +1,1 @@
-"""Integrity risk in five rooms: rare events, worst faults, K factors, tuning, each on those before; budgets."""
+"""Integrity risk in rooms, each on those before: modes, rare, worst, given_residuals, k_factor, tuning; budget."""

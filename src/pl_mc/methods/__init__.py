@@ -13,11 +13,13 @@ from pl_mc.methods.ls import Ls
 from pl_mc.methods.m_estimator import MEstimator
 from pl_mc.methods.max_dop import MaxDop
 from pl_mc.methods.mm import MM
+from pl_mc.methods.monitoring import Monitoring
 from pl_mc.methods.nioraim import Nioraim
 from pl_mc.methods.parity import Parity
 from pl_mc.methods.range_comparison import RangeComparison
 from pl_mc.methods.registry import METHODS, as_methods, method
 from pl_mc.methods.sbas import Sbas
+from pl_mc.methods.separated import Separated
 from pl_mc.methods.slope import Slope
 from pl_mc.methods.tukey import Tukey
 from pl_mc.methods.w_test import WTest
@@ -37,11 +39,13 @@ __all__ = [
     "MEstimator",
     "MaxDop",
     "Method",
+    "Monitoring",
     "Nioraim",
     "Outcome",
     "Parity",
     "RangeComparison",
     "Sbas",
+    "Separated",
     "Slope",
     "Tukey",
     "WTest",

@@ -15,24 +15,19 @@ import numpy as np
 from jax import Array
 from numpy.typing import NDArray
 
-from pl_mc.araim.budget import LPV_200, Budget
-from pl_mc.araim.compiled_modes import Priors, codes_of_rows, compiled_modes
+from pl_mc.araim.compiled_modes import compiled_modes
 from pl_mc.araim.levels import protection_levels
-from pl_mc.araim.modes import CONTAINED, UNMONITORED
 from pl_mc.araim.solving import Subsets, Whole, fit_subsets, solve_levels
 from pl_mc.arrays import FloatArray
-from pl_mc.geometry.record import EAST, NORTH, UP, Geometry
-from pl_mc.input_errors import InputError, require_choice, require_number, require_positive
-from pl_mc.ism import FIELDS, as_ism
+from pl_mc.geometry.record import EAST, NORTH, UP
+from pl_mc.input_errors import require_positive
 from pl_mc.kernels import LeastSquaresSolution, LinearModel
 from pl_mc.kernels.linear_model import COORDINATES, per_lane, product
-from pl_mc.methods.base import Named, Outcome
+from pl_mc.methods.base import Outcome
+from pl_mc.methods.monitoring import Monitoring
 
-# Options of the method, and arguments of its levels, that a field of an ISM stands for.
-_SAID_BY = {"p_sat": "p_sat", "p_const": "p_const", "b_nom_m": "b_nom_m", "accuracy_ratio": "sigma_ure_m"}
+# Arguments of the method's levels that a field of an ISM stands for.
 _ARGUMENTS = {"c_acc": "sigma_ure_m", "b_nom": "b_nom_m", "p_sat": "p_sat", "p_const": "p_const"}
-# A sigma that is the URA and nothing else may have lost a digit.
-_ROUNDING = 1e-9
 
 
 @jax.tree_util.register_dataclass
@@ -57,7 +52,7 @@ class Prepared:
 
 
 @dataclass(frozen=True)
-class Araim(Named):
+class Araim(Monitoring):
     """Advanced RAIM with the model's sigma as that of the integrity model.
 
     There is no solution where there are no levels: where the satellites left by a fault more probable than the
@@ -68,64 +63,22 @@ class Araim(Named):
     it can for that many rows and clocks is decided when the sweep is compiled. Combinations of three are never
     monitored: what they leave above P_THRES takes from the integrity risk.
 
+    Priors, nominal biases, budget and ISM are options that all methods have that monitor fault modes:
+    `pl_mc.methods.Monitoring`. With the sigma_URE of an ISM the variance of the accuracy model is that of the model,
+    less sigma_URA^2, plus sigma_URE^2.
+
     Attributes:
-        p_sat, p_const: prior of a fault of each satellite and of each constellation.
-        b_nom_m: largest nominal bias of each satellite, in the levels alone; the sweep draws none [m].
         accuracy_ratio: sigma of the accuracy model over that of the integrity model. The sweep's noise has the
             latter, so with a smaller ratio false alerts are more frequent than the budget says.
-        budget: the operation's risks.
-        unmonitored: ``contained`` or ``plain``, as for `pl_mc.araim.protection_levels`.
-        ism: an integrity support message, `pl_mc.araim.Ism`, a table of its fields or the path of a CSV file, which
-            says of each satellite or constellation what the options above say of all, as far as it has it. With its
-            sigma_URE the variance of the accuracy model is that of the model, less sigma_URA^2, plus sigma_URE^2: the
-            model's sigma has to hold sigma_URA, as that of `pl_mc.error_model` with the same ``ism`` does.
     """
 
     key = "araim"
 
-    p_sat: float = 1e-5
-    p_const: float = 1e-4
-    b_nom_m: float = 0.75
     accuracy_ratio: float = 1.0
-    budget: Budget = LPV_200
-    unmonitored: str = CONTAINED
-    ism: Any = None
 
     def __post_init__(self) -> None:
-        require_positive(self.p_sat, field="araim: p_sat")
-        for field in ("p_sat", "p_const"):
-            if not 0.0 <= require_number(getattr(self, field), field=f"araim: {field}") < 1.0:
-                raise InputError(
-                    f"araim: {field}: a prior probability lies between 0 and 1, not {getattr(self, field)!r}."
-                )
-        if require_number(self.b_nom_m, field="araim: b_nom_m") < 0:
-            raise InputError(f"araim: b_nom_m: a nominal bias is not negative, as {self.b_nom_m!r} is.")
+        super().__post_init__()
         require_positive(self.accuracy_ratio, field="araim: accuracy_ratio")
-        if not isinstance(self.budget, Budget):
-            raise InputError(f"araim: budget: a budget such as pl_mc.araim.LPV_200 is needed, not {self.budget!r}.")
-        require_choice(self.unmonitored, UNMONITORED, field="araim: unmonitored")
-        if self.ism is not None:
-            object.__setattr__(self, "ism", as_ism(self.ism, field="araim: ism"))
-            for option, field in _SAID_BY.items():
-                if self.ism.has(field) and getattr(self, option) != type(self).__dataclass_fields__[option].default:
-                    raise InputError(f"araim: {option}: the ism has {field}, which says it; leave one of the two out.")
-
-    def require_geometry(self, g: Geometry) -> None:
-        """Raise `InputError` where the ISM lacks a satellite of a geometry, or a sigma there is below its sigma_URA."""
-        if self.ism is None:
-            return
-        for field in FIELDS:
-            if self.ism.has(field):
-                self.ism.values(field, g.names, g.systems)
-        if self.ism.has("sigma_ure_m"):
-            ura_m = self.ism.values("sigma_ura_m", g.names, g.systems)[g.satellite]
-            for place in np.argwhere(g.in_view & (g.sigma_m < ura_m * (1.0 - _ROUNDING)))[:1]:
-                k = tuple(place)
-                raise InputError(
-                    f"{self.ism.source}: sigma_ura_m: {ura_m[k]:g} m of {g.names[g.satellite[k]]} is more than its "
-                    f"sigma in the geometry, {g.sigma_m[k]:.4g} m, which has to hold it (nearest: an error model with "
-                    "the same ism)."
-                )
 
     levels_from_geometry = True
     levels_without_redundancy = True
@@ -154,7 +107,7 @@ class Araim(Named):
         return levels.hpl_m, levels.vpl_m
 
     def prepare(self, model: LinearModel) -> Prepared:
-        priors = Priors(self.p_sat, self.p_const, self.budget.p_threshold, self.unmonitored, self.ism)
+        priors = self._priors
         modes = compiled_modes(model, priors)
         n, t = model.design.shape
         # All single faults are one block. Pairs are many and seldom needed: blocks without any are passed over.
@@ -246,10 +199,6 @@ class Araim(Named):
             (bias_m * root)[:, None],
             accuracy[:, None],
         )
-
-    def _said(self, field: str, model: LinearModel) -> Array:
-        """(n,), what the ISM says of the satellite of each row."""
-        return jnp.asarray(self.ism.table(field), model.design.dtype)[codes_of_rows(model)]
 
     def _nothing(self, model: LinearModel, excluded: Array) -> tuple[Whole, Subsets]:
         """Zeros of the shape of `_fit`."""

@@ -60,6 +60,10 @@ class Named:
     def name(self) -> str:
         return name_with_options(self.key, self, type(self)())
 
+    def __str__(self) -> str:
+        """The name, as it stands in that of a method which uses this one."""
+        return self.name
+
 
 class Estimator(Named):
     """An estimate with protection levels of its posterior or a-priori variance, and no test of its own.

@@ -23,6 +23,7 @@ from pl_mc.methods.nioraim import Nioraim
 from pl_mc.methods.parity import Parity
 from pl_mc.methods.range_comparison import RangeComparison
 from pl_mc.methods.sbas import Sbas
+from pl_mc.methods.separated import Separated
 from pl_mc.methods.slope import Slope
 from pl_mc.methods.tukey import Tukey
 from pl_mc.methods.w_test import WTest
@@ -33,6 +34,7 @@ METHODS: dict[str, type] = {
     "igg3": Igg3,
     "igg3_gated": GatedIgg3,
     "araim": Araim,
+    "separated": Separated,
     "slope": Slope,
     "max_dop": MaxDop,
     "parity": Parity,

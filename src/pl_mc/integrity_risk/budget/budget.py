@@ -28,7 +28,7 @@ from pl_mc.engine.checks import LARGEST_SEED, require_bounded, require_geometry_
 from pl_mc.faults import Faults, fault_label
 from pl_mc.geometry.record import Geometry
 from pl_mc.input_errors import InputError, require_choice, require_positive, require_whole
-from pl_mc.integrity_risk.budget.fault_modes import (
+from pl_mc.integrity_risk.modes.fault_modes import (
     COMMON,
     FAULT_FREE,
     INDEPENDENT,

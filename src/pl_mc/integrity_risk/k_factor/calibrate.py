@@ -30,6 +30,10 @@ from pl_mc.input_errors import (
     require_whole,
     require_within,
 )
+from pl_mc.integrity_risk.given_residuals.budget import RiskBudget
+from pl_mc.integrity_risk.given_residuals.contributions import DRAWS
+from pl_mc.integrity_risk.given_residuals.level_risk import checked
+from pl_mc.integrity_risk.k_factor.budgeted import calibrate_budget, require_only_budget
 from pl_mc.integrity_risk.k_factor.calibrated import (
     ALWAYS_ALARMS,
     KFactor,
@@ -51,20 +55,24 @@ from pl_mc.integrity_risk.worst.search import Estimator
 from pl_mc.methods import Method, as_methods
 from pl_mc.methods.capabilities import exact_law, k_of, require_k, with_k
 
+# Ratios of an epoch and fault.
+_DRAWS = 200_000
+
 
 @ordinary_arithmetic
 def calibrate(
     g: Geometry,
     *,
     method: str | Method = "ls",
-    target: float = 1e-7,
+    target: float | None = None,
+    budget: RiskBudget | dict[str, Any] | None = None,
     faults: Faults | None = None,
     event: Literal["exceeded", "misleading"] = "exceeded",
     alert: str | AlertLimits = LPV_200,
     axis: Literal["vertical", "horizontal"] | None = None,
     confidence: float = 0.95,
     pooled: bool = False,
-    draws: int = 200_000,
+    draws: int | None = None,
     seed: int = 0,
     target_cov: float = 0.1,
     max_evaluations: int = 10_000_000,
@@ -84,7 +92,10 @@ def calibrate(
         g: the geometry, one epoch or a series.
         method: name or record of a method whose level scales with K (`pl_mc.methods.capabilities.ScalesWithK`),
             with the multiplier that is compared.
-        target: probability of the event per sample.
+        target: probability of the event per sample; 1e-7 unless given.
+        budget: instead of a target, `pl_mc.RiskBudget` or a mapping of its fields: the multiplier with which the
+            fault-free case and every single satellite under its worst fault, weighted by their priors, together keep
+            it. It says the event too; ``target``, ``faults``, ``event``, ``pooled`` and ``estimator`` have no part.
         faults: the faults under which the target shall hold, each for itself; the fault-free case unless given.
         event: ``exceeded``, |vertical error| > VPL, alarm or not; ``misleading``, the same and no alarm.
         alert: alert limits; that of the axis decides on alarms.
@@ -93,7 +104,7 @@ def calibrate(
         confidence: with which ``k_high`` keeps the target, and ``k_low`` does not: each for itself.
         pooled: for a series: one multiplier for all epochs, with which the mean risk over them is the target,
             instead of one for each.
-        draws, seed: of the ratios, per epoch and fault; not used where the law is exact.
+        draws, seed: of the ratios, 200,000 unless given, per epoch and fault; not used where the law is exact.
         target_cov, max_evaluations: of the rare-event estimators: relative standard error of P(event) that is aimed
             at, and scenarios that an epoch and fault may cost.
         estimator: a function of a method that gives the function of faults, coefficient of variation and seed
@@ -116,10 +127,30 @@ def calibrate(
         fault`` and lists ``k_vertical`` (or ``k_horizontal``), ``probability, low, high`` (either bound with the
         confidence).
 
+        With a budget, one row per epoch with redundancy: ``epoch, method, axis, target``, ``k_vertical`` or
+        ``k_horizontal`` (infinite where a fault without bounds exceeds every multiple of the level), ``k_low, k_high,
+        inflation``, the columns of `pl_mc.level_risk` from ``contribution_fault_free`` to ``worst_probability`` at
+        that multiplier, ``alarm_rate_before, alarm_rate_after`` and ``level_m`` without a fault, ``unconverged_rate``,
+        and two checks by estimates that share nothing with the draws, with 95 % intervals:
+        ``check_fault_free_probability, _low, _high`` by importance sampling and ``check_worst_probability, _low,
+        _high`` by a count of 200,000 draws under ``worst_fault``. Where one of them disagrees there is a warning and
+        no multiplier. ``draws`` are residuals then, 16,384 unless given.
+
     Raises:
-        InputError: a method without a multiplier, options outside their range, faults of another geometry, a pooled
-            multiplier whose target is too rare to count.
+        InputError: a budget beside what it says, a method without a multiplier, options outside their range, faults of
+            another geometry, a pooled multiplier whose target is too rare to count.
     """
+    if budget is not None:
+        given = {"target": target, "faults": faults, "event": event, "pooled": pooled, "estimator": estimator}
+        require_only_budget(given, {"event": "exceeded", "pooled": False})
+        alert, judged, chosen, shares, seed, draws = checked(
+            g, method, budget, alert, axis, confidence, DRAWS if draws is None else draws, seed
+        )
+        return calibrate_budget(
+            g, chosen, shares, judged, alert.limit_m[judged], confidence=confidence, draws=draws, seed=seed,
+            target_cov=target_cov, most_evaluations=max_evaluations,
+        )  # fmt: skip
+    target, draws = 1e-7 if target is None else target, _DRAWS if draws is None else draws
     alert = require_geometry_and_alert(g, alert, any_axis=True)
     faults = no_fault(g) if faults is None else faults
     alert = require_inputs(g, faults, alert, any_axis=True)

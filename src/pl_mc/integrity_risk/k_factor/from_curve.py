@@ -252,7 +252,7 @@ def from_curve(
     if not np.isfinite(k):
         return nothing(curve.evaluations, "no population of subset simulation came down to the target")
     probability, error = curve.at(k)
-    known, spent = _start(state.at(k), second, int(_START_SHARE * most_evaluations))
+    known, spent = starting_points(state.at(k), second, int(_START_SHARE * most_evaluations))
     left = most_evaluations - curve.evaluations - spent
     run = importance_sampling(state.at(k), second, target_cov=target_cov, most_evaluations=left, known=known)
     spent += curve.evaluations + run.evaluations
@@ -293,7 +293,7 @@ def holding_both(
     return min(low, curve.reaching(asked * reach, none=0.0)), max(high, curve.reaching(asked / reach, none=np.inf))
 
 
-def _start(limit: Sampled, rng: np.random.Generator, most_evaluations: int) -> tuple[FloatArray, int]:
+def starting_points(limit: Sampled, rng: np.random.Generator, most_evaluations: int) -> tuple[FloatArray, int]:
     """Points in the event from populations of nominal noise, as many from each, and what they cost."""
     points, spent = [np.empty((0, limit.dimension))], 0
     for _ in range(_STARTS):

@@ -1,0 +1,1 @@
+"""Fault modes with their priors, which budgets and proofs of levels share."""
