@@ -12,6 +12,7 @@ from pl_mc.studies.study import Study
 
 _FOLDERS = {
     "compare": "pl_mc.studies.compare",
+    "frontier": "pl_mc.studies.frontier",
     "guo": "pl_mc.studies.guo",
     "noise": "pl_mc.studies.noise",
     "observe": "pl_mc.studies.observe",

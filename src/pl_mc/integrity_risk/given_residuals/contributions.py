@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from scipy import optimize, stats
@@ -88,13 +88,24 @@ class LevelRisk:
         axis: ``vertical`` or ``horizontal``.
         draws: of the last estimate of every satellite; the fault-free case has four times as many.
         seed: of the noise, which all methods share.
+        sigma_factor: the true sigma over that of the model, which method and level go by.
     """
 
     def __init__(
-        self, g: Geometry, method: Method, budget: RiskBudget, axis: str, *, draws: int = DRAWS, seed: int = 0
+        self,
+        g: Geometry,
+        method: Method,
+        budget: RiskBudget,
+        axis: str,
+        *,
+        draws: int = DRAWS,
+        seed: int = 0,
+        sigma_factor: float = 1.0,
     ) -> None:
-        parts = EpochParts.of(g, axis)
-        assert parts is not None
+        nominal = EpochParts.of(g, axis)
+        assert nominal is not None
+        parts = replace(nominal, covariance_m2=sigma_factor**2 * nominal.covariance_m2)
+        self.sigma_factor = sigma_factor
         self.parts, self.method, self.draws, self.seed = parts, method, draws, seed
         self.shares: Shares = budget.shared(g)
         self.nominal_m = self._nominal(budget.b_nom_m)
@@ -124,7 +135,7 @@ class LevelRisk:
         return self._rng(purpose).standard_normal((draws, self.parts.in_view.size))
 
     def _drawn(self, bias_m: FloatArray, draws: int, purpose: int) -> Drawn:
-        return draw(self.parts, self.method, bias_m, self._noise(draws, purpose))
+        return draw(self.parts, self.method, bias_m, self.sigma_factor * self._noise(draws, purpose))
 
     def _fault_free(self) -> Drawn:
         draws = _FAULT_FREE_TIMES * self.draws
@@ -134,7 +145,8 @@ class LevelRisk:
         # Only residuals count, so only their density does.
         half = 0.5 * self.parts.residual_square(noise)[:, None]
         ratio = counts / draws * strengths**-self.parts.dof * np.exp(half * (1.0 - strengths**-2.0))
-        return draw(self.parts, self.method, self.nominal_m, noise, 1.0 / ratio.sum(axis=1))
+        self.plain = int(counts[0])
+        return draw(self.parts, self.method, self.nominal_m, self.sigma_factor * noise, 1.0 / ratio.sum(axis=1))
 
     def _faults(self, row: int, roots: FloatArray) -> FloatArray:
         """(faults, n), biases of one satellite that give these roots of the noncentrality, with nominal ones [m]."""
@@ -171,6 +183,7 @@ class LevelRisk:
     def at(self, k: float, faults_m: FloatArray | None = None, last: Drawn | None = None) -> Contributions:
         """The contributions at a multiplier, under faults that were found for it or for one near it."""
         faults_m = self.worst_sizes(k) if faults_m is None else faults_m
+        self.faults_m = faults_m
         last = self._drawn(faults_m, self.draws, _LAST) if last is None else last
         free = self.free.beyond(k, self.parts)
         means = free.mean(axis=1)
@@ -197,6 +210,14 @@ class LevelRisk:
             worst_error=float(chance[worst].std(ddof=1)) / count if worst >= 0 else 0.0,
             unsettled=max(float(one.unsettled.mean()) for one in (self.free, last) if one.unsettled.size),
         )
+
+    def alarm_rates(self, k: float, limit_m: float, sizes_m: FloatArray, draws: int) -> FloatArray:
+        """(sizes, n), share of draws that alarm at k times the level under each size on each satellite [m]."""
+        n = self.prior.size
+        bias = np.repeat(self.nominal_m[:1], len(sizes_m) * n, axis=0).reshape(len(sizes_m), n, n)
+        bias[:, np.arange(n), np.arange(n)] += sizes_m[:, None]
+        alarms = self._drawn(bias.reshape(-1, n), draws, _LAST).alarms(k, limit_m)
+        return alarms.mean(axis=1).reshape(len(sizes_m), n)
 
     def multiplier(self, allowed: float, z: float) -> tuple[Contributions | None, float, float]:
         """Where the analysed modes take what is allowed, with bounds at ``z`` standard errors; None beyond LARGEST_K.

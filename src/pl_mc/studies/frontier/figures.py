@@ -1,0 +1,66 @@
+"""Figures of a frontier: level against proven risk, and multipliers over geometries."""
+
+from __future__ import annotations
+
+import numpy as np
+import pandas as pd
+from matplotlib.figure import Figure
+
+from pl_mc.report.figures import legend_below, new_figure, series_style
+from pl_mc.report.findings import picture
+
+
+@picture(
+    "frontier",
+    "Mean level against the proven risk, one curve a method along its multiplier; single points are levels without one.",
+)
+def frontier_figure(curves: pd.DataFrame, frontier: pd.DataFrame, *, axis: str, title: str) -> Figure:
+    """A panel for each sky; ``curves`` has level and risk by sky, method and factor of the multiplier."""
+    skies = list(dict.fromkeys(frontier.sky))
+    methods = list(dict.fromkeys(frontier.method))
+    figure, axes = new_figure(
+        1, len(skies), width_in=3.6 * len(skies) + 1.0, height_in=4.2 + 0.16 * len(methods), title=title, sharey=True
+    )
+    for panel, sky in zip(axes, skies, strict=True):
+        here = frontier[frontier.sky == sky]
+        for k, method in enumerate(methods):
+            rows = curves[(curves.sky == sky) & (curves.method == method)].sort_values("level_m")
+            if rows.empty:
+                continue
+            look = series_style(k).look | ({"linestyle": "none"} if len(rows) == 1 else {})
+            panel.plot(rows.level_m, np.maximum(rows.risk, 1e-12), **look, linewidth=1.2, markersize=4.5, label=method)
+        allowed = float(here.allowed.mean())
+        panel.axhline(allowed, color="0.3", linewidth=1.0, linestyle=(0, (4, 2)), label="allowed")
+        panel.set(yscale="log", xlabel=f"mean {axis} level [m]", title=sky)
+        widest = here.level_mean_m[np.isfinite(here.level_mean_m)]
+        if len(widest):
+            panel.set_xlim(0.6 * widest.min(), min(1.6 * float(widest.median()), 1.1 * float(widest.max())) + 1.0)
+        panel.set_ylim(1e-10, 1e-4)
+    axes[0].set_ylabel("risk of the analysed modes, per sample")
+    legend_below(figure, axes[:1], columns=3, side="center")
+    return figure
+
+
+@picture(
+    "multipliers", "Multipliers that keep the budget at each geometry, sorted; the share of geometries that need less."
+)
+def multiplier_figure(geometries: pd.DataFrame, multipliers: pd.DataFrame, *, axis: str, title: str) -> Figure:
+    """Distribution of the multiplier of each method over the geometries of each sky."""
+    skies = list(dict.fromkeys(multipliers.sky))
+    methods = list(dict.fromkeys(multipliers.method))
+    figure, axes = new_figure(
+        1, len(skies), width_in=3.6 * len(skies) + 1.0, height_in=4.2 + 0.16 * len(methods), title=title, sharey=True
+    )
+    for panel, sky in zip(axes, skies, strict=True):
+        for k, method in enumerate(methods):
+            found = np.sort(geometries[(geometries.sky == sky) & (geometries.method == method)].k.to_numpy())
+            if not found.size:
+                continue
+            share = np.arange(1, found.size + 1) / found.size
+            finite = np.isfinite(found)
+            look = series_style(k).look | {"marker": ""}
+            panel.step(found[finite], share[finite], where="post", **look, linewidth=1.2, label=method)
+        panel.set(xlabel=f"K of the {axis} level", title=sky, ylim=(0.0, 1.02))
+    axes[0].set_ylabel("share of geometries that need less")
+    legend_below(figure, axes[:1], columns=3, side="center")
+    return figure

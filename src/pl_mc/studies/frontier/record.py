@@ -1,0 +1,94 @@
+"""The record of an experiment of the kind ``frontier``."""
+
+from __future__ import annotations
+
+import zlib
+from typing import Annotated, Any, ClassVar, Literal
+
+import numpy as np
+from pydantic import Field
+
+from pl_mc.error_models import error_model
+from pl_mc.geometry import Geometry, simulate
+from pl_mc.integrity_risk.given_residuals import RiskBudget
+from pl_mc.integrity_risk.given_residuals.budget import as_budget
+from pl_mc.studies.spec import ByAxes, Strict
+
+WORLD = "world"
+
+
+class Sky(Strict):
+    """Geometries of one place over a time, or of random users of the Earth.
+
+    Attributes:
+        name: what tables call it.
+        site: a place as `pl_mc.simulate` takes it, whose epochs are spread evenly over ``duration_s``; or ``world``,
+            random places, each as probable as its area, at random times of that duration.
+        count: number of geometries.
+        stressed: how many of them are looked at under wrong assumptions too.
+        methods: names of the methods that are looked at, as tables have them; all unless given.
+    """
+
+    name: str
+    site: str = WORLD
+    count: int = Field(ge=1, le=100_000)
+    stressed: int = Field(default=0, ge=0)
+    methods: tuple[str, ...] = ()
+    start: str = "2017-11-21T00:00:00"
+    duration_s: float = Field(default=86_400.0, gt=0)
+    mask_deg: float = Field(default=10.0, ge=0, lt=90)
+    constellations: tuple[str, ...] = ("GPS", "GAL")
+    error_model: str = "residual"
+    error_options: dict[str, Any] = Field(default_factory=dict)
+
+    def geometries(self, seed: int) -> list[Geometry]:
+        """The geometries with redundancy, one epoch each; fewer than ``count`` where some have none."""
+        common: dict[str, Any] = {
+            "mask_deg": self.mask_deg, "constellations": self.constellations,
+            "error_model": error_model(self.error_model, **self.error_options),
+        }  # fmt: skip
+        if self.site != WORLD:
+            step_s = self.duration_s / self.count
+            series = simulate(site=self.site, start=self.start, epochs=self.count, interval_s=step_s, **common)
+            found = [series[k] for k in range(len(series))]
+        else:
+            rng = np.random.default_rng((seed, zlib.crc32(self.name.encode())))
+            start = np.datetime64(self.start, "ms")
+            found = []
+            for latitude, longitude, when in rng.uniform(size=(self.count, 3)):
+                place = (float(np.degrees(np.arcsin(2.0 * latitude - 1.0))), 360.0 * float(longitude) - 180.0, 0.0)
+                time = str(start + np.timedelta64(round(1e3 * self.duration_s * float(when)), "ms"))
+                found.append(simulate(site=place, start=time, epochs=1, **common)[0])
+        return [g for g in found if int(g.satellite_count) > int(g.unknown_count)]
+
+
+class FrontierExperiment(ByAxes):
+    """Methods at equal proven risk.
+
+    Attributes:
+        skies: sets of geometries.
+        budget: fields of `pl_mc.RiskBudget`.
+        draws: residuals for each satellite and multiplier; four times as many without a fault.
+        sizes_m: biases on single satellites under which alarms are counted [m].
+        limits_m: limits of the level whose availability is told, that of the alert aside [m].
+        sigma_factors: true sigma over that of the model, as what may be wrong.
+        biases_m: nominal biases that the multiplier did not know of [m].
+        independent: independent samples of an approach, by which alarms add up to discontinuity.
+    """
+
+    most_axes: ClassVar[int] = 1
+    takes_either: ClassVar[bool] = False
+
+    kind: Literal["frontier"] = "frontier"
+    skies: Annotated[tuple[Sky, ...], Field(min_length=1)]
+    budget: dict[str, Any] = Field(default_factory=dict)
+    draws: int = Field(default=4096, ge=1024)
+    sizes_m: tuple[float, ...] = (5.0, 10.0, 20.0, 50.0, 100.0)
+    limits_m: tuple[float, ...] = (20.0, 15.0, 10.0)
+    sigma_factors: tuple[float, ...] = (1.1, 1.25, 1.5)
+    biases_m: tuple[float, ...] = (0.25, 0.75)
+    independent: int = Field(default=25, ge=1)
+
+    def risk_budget(self) -> RiskBudget:
+        """The budget, checked."""
+        return as_budget(self.budget)

@@ -1,0 +1,261 @@
+"""Experiments of the kind ``frontier``: every method with the multiplier that keeps a risk budget at each geometry.
+
+A method whose level scales with K gets at each geometry the K with which the analysed modes take exactly what the
+budget leaves them; one whose level does not is taken as it is, and what its level is exceeded with is told.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterator
+from dataclasses import replace
+from functools import partial
+from typing import Any
+
+import numpy as np
+import pandas as pd
+
+from pl_mc.engine import Execution
+from pl_mc.geometry import Geometry
+from pl_mc.input_errors import InputError, require_choice
+from pl_mc.integrity_risk.given_residuals import RiskBudget
+from pl_mc.integrity_risk.given_residuals.contributions import LevelRisk, z_of
+from pl_mc.methods import Method
+from pl_mc.methods.capabilities import scales_with_k, with_k
+from pl_mc.report.findings import Findings, Table
+from pl_mc.runtime.progress import with_progress
+from pl_mc.runtime.threads import cores, in_order
+from pl_mc.studies.frontier.figures import frontier_figure, multiplier_figure
+from pl_mc.studies.frontier.record import FrontierExperiment, Sky
+from pl_mc.studies.frontier.text import summary
+from pl_mc.studies.study import Check, Work
+
+# Draws of each geometry that make up the quantiles of levels, and of alarms under faults.
+_LEVELS, _ALARM_DRAWS = 256, 256
+_CONFIDENCE = 0.95
+# Multiples of the multiplier at which the curves of the figure stand.
+FACTORS = (0.7, 0.8, 0.9, 1.0, 1.1, 1.25)
+# Scenarios of an estimate, draws aside, and how many a second on two cores.
+_PER_DRAW, _SCENARIOS_PER_S = 110.0, 4e5
+
+
+def run(experiment: FrontierExperiment, execution: Execution) -> Findings:
+    """What every method needs and gives at every geometry; over each sky; under wrong assumptions."""
+    budget = experiment.risk_budget()
+    (judged,) = experiment.judged()
+    ((_, _, limit_m),) = judged.levels
+    skies = [(sky, sky.geometries(experiment.seed)) for sky in experiment.skies]
+    items = [
+        (sky, place, g, method)
+        for sky, geometries in skies
+        for method in _of_sky(experiment, sky)
+        for place, g in enumerate(geometries)
+    ]
+
+    def one(item: tuple[Sky, int, Geometry, Method]) -> dict[str, Any]:
+        sky, place, g, method = item
+        found = at_geometry(g, method, budget, judged.axis, limit_m, experiment, stressed=place < sky.stressed)
+        key = {"sky": sky.name, "method": method.name}
+        parts = {name: [key | part for part in found.pop(name)] for name in ("curve", "stress")}
+        return {"sky": sky.name, "geometry": place, "method": method.name} | found | parts
+
+    results = in_order(one, items, cores())
+    found = [row for _, row in with_progress(results, total=len(items), what="Frontier", show=execution.progress)]
+    levels = pd.DataFrame([{"sky": row["sky"], "method": row["method"], "levels": row.pop("levels")} for row in found])
+    curve = pd.DataFrame([part for row in found for part in row.pop("curve")])
+    stress = pd.DataFrame([part for row in found for part in row.pop("stress")])
+    geometries = pd.DataFrame(found)
+    frontier = over_skies(geometries, levels, experiment, limit_m)
+    multipliers = one_number(geometries)
+    tables = [Table("frontier", frontier), Table("geometries", geometries)]
+    if len(multipliers):
+        tables.insert(1, Table("multipliers", multipliers))
+    curves = curve.groupby(["sky", "method", "factor"], sort=False, as_index=False).mean()
+    tables.append(Table("curves", curves))
+    if len(stress):
+        stress = stress.groupby(["sky", "method", "assumption"], sort=False, as_index=False).agg(
+            geometries=("risk", "size"), risk=("risk", "mean"), risk_as_assumed=("risk_as_assumed", "mean"),
+            times=("times", "median"), times_most=("times", "max"),
+        )  # fmt: skip
+        tables.append(Table("stress", stress))
+    pictures = [frontier_figure(curves, frontier, axis=judged.axis, title=experiment.title)]
+    if len(multipliers):
+        pictures.append(multiplier_figure(geometries, multipliers, axis=judged.axis, title=experiment.title))
+    return Findings(
+        summary=summary(experiment, frontier, multipliers, stress),
+        tables=tuple(tables),
+        pictures=tuple(pictures),
+        notes=_notes(geometries),
+    )
+
+
+def at_geometry(
+    g: Geometry, method: Method, budget: RiskBudget, axis: str, limit_m: float, experiment: FrontierExperiment, *,
+    stressed: bool,
+) -> dict[str, Any]:  # fmt: skip
+    """Multiplier, risk, level and alarms of one method at one geometry."""
+    scaled = scales_with_k(method) is not None
+    unit = with_k(method, 1.0, axis) if scaled else method
+    options: dict[str, Any] = {"draws": experiment.draws, "seed": experiment.seed}
+    risk = LevelRisk(g, unit, budget, axis, **options)
+    allowed = budget.on(axis) * (1.0 - risk.shares.lost / budget.p_hmi)
+    if scaled:
+        found, low, high = risk.multiplier(allowed, z_of(_CONFIDENCE))
+    else:
+        found, low, high = risk.at(1.0), math.nan, math.nan
+    head = {"satellites": len(g.names), "dof": risk.parts.dof, "allowed": allowed}
+    empty: dict[str, Any] = {"levels": np.full(_LEVELS, np.inf), "curve": [], "stress": []}
+    if found is None:
+        nothing = dict.fromkeys(_NUMBERS, math.nan) | {"k": math.inf, "k_low": math.inf, "k_high": math.inf}
+        rates = {"alarm_rate": 1.0, "discontinuity": 1.0, "level_m": math.inf}
+        rates |= {f"alarm_rate_{size:g}m": 1.0 for size in experiment.sizes_m}
+        return head | nothing | rates | {"kept": False, "worst_fault": ""} | empty
+    k, free = found.k, risk.free
+    plain = np.s_[0, : risk.plain]
+    level = np.where(free.silent[plain], k * free.level_m[plain], np.inf)
+    alarm_rate = float(free.alarms(k, limit_m)[plain].mean())
+    faulty = risk.alarm_rates(k, limit_m, np.array(experiment.sizes_m), _ALARM_DRAWS)[:, : len(g.names)]
+    discontinuity = experiment.independent * alarm_rate + float(risk.shares.single @ faulty.max(axis=0))
+    reach = z_of(_CONFIDENCE) * found.error
+    faults_m = risk.faults_m
+    curve = []
+    for factor in FACTORS if scaled else (1.0,):
+        at = risk.at(k * factor, faults_m)
+        finite = free.level_m[plain][free.silent[plain]]
+        curve.append({"factor": factor, "level_m": float(k * factor * finite.mean()), "risk": at.analysed})
+    stress = _stressed(g, unit, budget, axis, experiment, k, found.analysed) if stressed else []
+    name = f"{g.names[found.worst]}:{found.worst_bias_m:+.4g}m" if found.worst >= 0 else ""
+    return (
+        head
+        | {"k": k if scaled else math.nan, "k_low": low, "k_high": high}
+        | {
+            "risk": found.analysed,
+            "risk_low": max(found.analysed - reach, 0.0),
+            "risk_high": found.analysed + reach,
+            "contribution_fault_free": found.fault_free,
+            "contribution_single": found.single,
+            "unconverged_rate": float(free.unsettled[plain].mean()),
+            "level_m": float(level[np.isfinite(level)].mean()) if np.isfinite(level).any() else math.inf,
+            "alarm_rate": alarm_rate,
+        }
+        | {f"alarm_rate_{size:g}m": float(row.mean()) for size, row in zip(experiment.sizes_m, faulty, strict=True)}
+        | {"discontinuity": min(discontinuity, 1.0), "worst_fault": name}
+        # One that a multiplier was found for takes just what it may.
+        | {"kept": bool(scaled or found.analysed + reach <= allowed)}
+        | {"levels": np.resize(level, _LEVELS), "curve": curve, "stress": stress}
+    )
+
+
+_NUMBERS = (
+    "k", "k_low", "k_high", "risk", "risk_low", "risk_high", "contribution_fault_free", "contribution_single",
+    "unconverged_rate",
+)  # fmt: skip
+
+
+def _stressed(
+    g: Geometry, unit: Method, budget: RiskBudget, axis: str, experiment: FrontierExperiment, k: float, assumed: float
+) -> list[dict[str, Any]]:
+    """The risk at the same multiplier where sigma or nominal biases are not what they were taken for."""
+    options: dict[str, Any] = {"draws": experiment.draws, "seed": experiment.seed}
+    rows = []
+    for factor in experiment.sigma_factors:
+        risk = LevelRisk(g, unit, budget, axis, sigma_factor=factor, **options).at(k).analysed
+        rows.append((f"sigma times {factor:g}", risk))
+    for bias_m in experiment.biases_m:
+        biased = replace(budget, b_nom_m=budget.b_nom_m + bias_m)
+        risk = LevelRisk(g, unit, biased, axis, **options).at(k).analysed
+        rows.append((f"nominal biases of {bias_m:g} m more", risk))
+    return [
+        {"assumption": what, "risk": risk, "risk_as_assumed": assumed, "times": risk / assumed} for what, risk in rows
+    ]
+
+
+def over_skies(
+    geometries: pd.DataFrame, levels: pd.DataFrame, experiment: FrontierExperiment, limit_m: float
+) -> pd.DataFrame:
+    """One row per sky and method, the smallest mean level first within a sky."""
+    rows = []
+    for (sky, method), part in geometries.groupby(["sky", "method"], sort=False):
+        drawn = np.concatenate(levels[(levels.sky == sky) & (levels.method == method)].levels.to_list())
+        row: dict[str, Any] = {"sky": sky, "method": method, "geometries": len(part)}
+        row |= {"k_50": part.k.median(), "k_99": part.k.quantile(0.99, interpolation="higher")}
+        row |= {"level_mean_m": part.level_m.mean()}
+        row |= {f"level_{q}_m": float(np.quantile(drawn, q / 100.0, method="higher")) for q in (95, 99)}
+        row |= {name: part[name].mean() for name in ("alarm_rate", *_of_sizes(experiment), "discontinuity")}
+        row |= {f"available_{limit:g}m": float((drawn <= limit).mean()) for limit in (limit_m, *experiment.limits_m)}
+        row |= {"risk_mean": part.risk.mean(), "risk_most": part.risk_high.max(), "allowed": part.allowed.mean()}
+        row |= {"kept": int(part.kept.sum()), "unconverged_rate": part.unconverged_rate.mean()}
+        rows.append(row)
+    table = pd.DataFrame(rows)
+    order = {sky: place for place, sky in enumerate(dict.fromkeys(table.sky))}
+    return table.sort_values(
+        ["sky", "level_mean_m"], key=lambda column: column.map(order) if column.name == "sky" else column,
+        kind="stable", ignore_index=True,
+    )  # fmt: skip
+
+
+def _of_sizes(experiment: FrontierExperiment) -> tuple[str, ...]:
+    return tuple(f"alarm_rate_{size:g}m" for size in experiment.sizes_m)
+
+
+def one_number(geometries: pd.DataFrame) -> pd.DataFrame:
+    """The multiplier that serves all geometries of a sky, and the share that it serves with 95 % confidence.
+
+    The upper bounds of N geometries that were drawn alike have a largest one; with confidence 1 - a another such
+    geometry needs no more with a probability of at least a^(1/N) (Wilks 1941). It is chosen from the even places; how
+    many of the odd ones need more stands beside it.
+    """
+    rows = []
+    for (sky, method), part in geometries[geometries.k.notna()].groupby(["sky", "method"], sort=False):
+        even, odd = part[part.geometry % 2 == 0], part[part.geometry % 2 == 1]
+        chosen = float(even.k_high.max())
+        rows.append(
+            {
+                "sky": sky,
+                "method": method,
+                "geometries": len(part),
+                "k": float(part.k_high.max()),
+                "share_kept": (1.0 - _CONFIDENCE) ** (1.0 / len(part)),
+                "k_of_even": chosen,
+                "odd": len(odd),
+                "odd_beyond": int((odd.k_low > chosen).sum()),
+            }
+        )
+    return pd.DataFrame(rows)
+
+
+def _of_sky(experiment: FrontierExperiment, sky: Sky) -> list[Method]:
+    records = experiment.method_records()
+    return [one for one in records if not sky.methods or one.name in sky.methods]
+
+
+def work(experiment: FrontierExperiment) -> Work:
+    """Scenarios of all estimates."""
+    looks = sum(sky.count * len(_of_sky(experiment, sky)) for sky in experiment.skies)
+    scenarios = int(looks * experiment.draws * _PER_DRAW)
+    return Work(scenarios, scenarios / _SCENARIOS_PER_S)
+
+
+def checks(experiment: FrontierExperiment, g: Geometry | None) -> Iterator[Check]:
+    """Budget, skies, and the methods that they name."""
+    yield "budget", experiment.risk_budget
+    names = [one.name for one in experiment.method_records()]
+    for sky in experiment.skies:
+        yield "skies", partial(_built, sky)
+        for name in sky.methods:
+            yield "skies", partial(require_choice, name, names, field=f"skies: {sky.name}: methods")
+
+
+def _built(sky: Sky) -> None:
+    """Whether one geometry of a sky can be made."""
+    if not sky.model_copy(update={"count": 1}).geometries(0):
+        raise InputError(f"skies: {sky.name}: its first geometry has no more satellites than unknowns.")
+
+
+def _notes(geometries: pd.DataFrame) -> tuple[str, ...]:
+    return (
+        "Noise is Gaussian, independent and of the sigma of the model; faults are constant; two faults at a time and "
+        "faults of constellations count as lost with their priors.",
+        f"Draws of estimates whose last iteration still moved by more than 1 cm: at most "
+        f"{geometries.unconverged_rate.max():.2g} of a geometry without a fault.",
+    )

@@ -1,0 +1,124 @@
+"""What a frontier says: its summary, and its answer."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import Any
+
+import numpy as np
+import pandas as pd
+
+from pl_mc.report.document import Block, Summary, TextTable
+from pl_mc.report.text import percent
+from pl_mc.studies.frontier.record import WORLD, FrontierExperiment
+
+# Orders of magnitude in words of a table.
+_DIGITS = 3
+
+
+def number(value: float) -> str:
+    """Three digits, and words for what is none."""
+    if np.isnan(value):
+        return "own"
+    return f"{value:.{_DIGITS}g}" if np.isfinite(value) else "none"
+
+
+def summary(
+    experiment: FrontierExperiment, frontier: pd.DataFrame, multipliers: pd.DataFrame, stress: pd.DataFrame
+) -> Summary:
+    """What was judged; for each sky the methods, the smallest mean level first; one multiplier; wrong assumptions."""
+    budget, (judged,) = experiment.risk_budget(), experiment.judged()
+    ((_, _, limit_m),) = judged.levels
+    axis = judged.axis
+    bias = f", nominal biases of {budget.b_nom_m:g} m" if budget.b_nom_m else ""
+    blocks: list[Block | str] = [
+        f"Event: {axis} error beyond the level and no rejection by the method's own test, per sample. Target "
+        f"{budget.on(axis):g}, prior of a satellite fault {_prior(budget.p_sat)}, of a constellation fault "
+        f"{_prior(budget.p_const)}{bias}; single faults of the worst size of each satellite, pairs and all else "
+        f"counted as lost and charged in proportion to {budget.p_hmi:g}. A method with a multiplier has, at each "
+        "geometry, the one with which it takes what it may; `own` marks levels that are taken as they are. "
+        f"{experiment.draws:,} residuals a fault, seed {experiment.seed}."
+    ]
+    for sky in experiment.skies:
+        rows = frontier[frontier.sky == sky.name]
+        if rows.empty:
+            continue
+        where = "random users of the Earth" if sky.site == WORLD else f"epochs at {sky.site}"
+        blocks += [
+            f"{sky.name}: {rows.geometries.max():,} {where}, {', '.join(sky.constellations)}, {sky.mask_deg:g} deg "
+            f"mask, error model {sky.error_model}.",
+            TextTable.of(
+                [
+                    "method", "K (median, 99 %)", "mean level, 95 %, 99 % [m]", f"alarms fault-free, {limit_m:g} m",
+                    *(f"alarms at {size:g} m" for size in experiment.sizes_m), "discontinuity",
+                    *(f"level within {limit:g} m" for limit in experiment.limits_m), "risk (mean)", "budget kept",
+                ],
+                [_row(row, experiment) for row in rows.to_dict("records")],
+            ),
+        ]  # fmt: skip
+    if len(multipliers):
+        blocks += [
+            "One multiplier for a receiver: the largest upper bound of all geometries, and the share of further ones "
+            "that it serves with 95 % confidence; chosen from every other geometry, how many of the rest need more.",
+            TextTable.of(
+                ["sky", "method", "K", "geometries", "share served", "K of half", "of the rest beyond it"],
+                [
+                    [row.sky, row.method, number(row.k), f"{row.geometries}", f"{percent(row.share_kept)} %",
+                     number(row.k_of_even), f"{row.odd_beyond} of {row.odd}"]
+                    for row in multipliers.itertuples()
+                ],
+            ),
+        ]  # fmt: skip
+    if len(stress):
+        blocks += [
+            "What breaks it: the risk of the analysed modes at the same multiplier where an assumption is wrong, over "
+            "that where it holds (median and largest of the geometries).",
+            TextTable.of(
+                ["sky", "method", "assumption", "risk", "times (median)", "times (largest)"],
+                [
+                    [row.sky, row.method, row.assumption, number(row.risk), number(row.times), number(row.times_most)]
+                    for row in stress.itertuples()
+                ],
+            ),
+        ]
+    return tuple(blocks)
+
+
+def _prior(given: float | Mapping[str, float]) -> str:
+    if isinstance(given, Mapping):
+        return ", ".join(f"{value:g} ({key})" for key, value in given.items())
+    return f"{given:g}"
+
+
+def _row(row: dict[str, Any], experiment: FrontierExperiment) -> list[str]:
+    levels = ", ".join(number(row[name]) for name in ("level_mean_m", "level_95_m", "level_99_m"))
+    k = "own" if np.isnan(row["k_50"]) else f"{number(row['k_50'])}, {number(row['k_99'])}"
+    return [
+        row["method"], k, levels, f"{percent(row['alarm_rate'])} %",
+        *(f"{percent(row[f'alarm_rate_{size:g}m'])} %" for size in experiment.sizes_m),
+        f"{row['discontinuity']:.2g}",
+        *(f"{percent(row[f'available_{limit:g}m'])} %" for limit in experiment.limits_m),
+        number(row["risk_mean"]), f"{row['kept']} of {row['geometries']}",
+    ]  # fmt: skip
+
+
+def answer(tables: Mapping[str, pd.DataFrame], experiment: FrontierExperiment) -> tuple[str, ...]:
+    """Who has the smallest level at each sky, where ARAIM is, and who fails the budget."""
+    table = tables["frontier"]
+    sentences = []
+    for sky, rows in table.groupby("sky", sort=False):
+        kept = rows[rows.kept == rows.geometries]
+        if kept.empty:
+            sentences.append(f"{sky}: no method keeps the budget at every geometry.")
+            continue
+        best = kept.iloc[0]
+        words = f"{sky}: the smallest mean level that keeps the budget everywhere is that of {best.method}, "
+        words += f"{best.level_mean_m:.3g} m"
+        araim = kept[kept.method.str.startswith("araim")]
+        if len(araim) and araim.index[0] != best.name:
+            share = best.level_mean_m / araim.iloc[0].level_mean_m
+            words += f", {share:.2f} of ARAIM's {araim.iloc[0].level_mean_m:.3g} m"
+        size = experiment.sizes_m[-1]
+        words += f"; under {size:g} m on one satellite it alarms in {percent(best[f'alarm_rate_{size:g}m'])} % of draws"
+        sentences.append(words + ".")
+    return tuple(sentences)
