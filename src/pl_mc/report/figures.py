@@ -220,7 +220,10 @@ def _save(figure: Figure, folder: Path, name: str) -> None:
                 axis.set_major_formatter(_Powers())
             if isinstance(axis.get_minor_formatter(), LogFormatter):
                 axis.set_minor_formatter(_Powers(labelOnlyBase=False))
-        figure.savefig(picture, dpi=150)
+        # Packed once, below.
+        figure.savefig(picture, format="png", dpi=150, pil_kwargs={"compress_level": 0})
+        # Everything stands where it is to stand; finding that out again takes as long as drawing.
+        figure.set_layout_engine("none")
         figure.savefig(folder / f"{name}.svg", metadata={"Date": None, "Creator": None})
     with Image.open(picture) as image:
         few = image.convert("RGB").quantize(256, dither=Image.Dither.NONE)
