@@ -17,6 +17,7 @@ from matplotlib.ticker import MaxNLocator
 
 from pl_mc.detectors import Chi2, MeanCheck
 from pl_mc.experiments.loading import load_experiment
+from pl_mc.geometry import Geometry
 from pl_mc.report.figures import in_common_look, legend_below, new_figure, save_figure, series_style
 from pl_mc.statistics.reliability import least_detectable
 from pl_mc.studies.guo.paper import PRINTED
@@ -45,8 +46,8 @@ DRAWN = (("chi2", "apriori"), ("mean_check", "shift_kept"), ("mean_check", "shif
 LETTER = {"chi2": "F", "mean_check": "T"}
 
 
-def rates(name: str) -> pd.DataFrame:
-    """Detection rates at nominal and equal thresholds with one part of BeiDou."""
+def series_of(name: str) -> GuoSeries:
+    """Every five minutes of the day of guo2022 with one part of BeiDou."""
     constellations, without, mask = PARTS[name]
     experiment = load_experiment("guo2022")[1]
     changed = {
@@ -60,12 +61,22 @@ def rates(name: str) -> pd.DataFrame:
     loaded = source.series(draws=1, seed=experiment.seed, precision=experiment.precision)
     g, errors_m = loaded.geometry, loaded.errors_m[0]
     row = least_detectable(g, system="C")
-    series = GuoSeries(g, errors_m, row, (0.0, *experiment.biases_m), real=False)
+    return GuoSeries(g, errors_m, row, (0.0, *experiment.biases_m), real=False)
+
+
+def satellites_of(g: Geometry) -> dict[str, float]:
+    """Median number of satellites in view, of each system."""
+    system = np.array([one[0] for one in g.names])[g.satellite]
+    return {letter: float(np.median(((system == letter) & g.in_view).sum(axis=1))) for letter in "GC"}
+
+
+def rates(name: str) -> pd.DataFrame:
+    """Detection rates at nominal and equal thresholds with one part of BeiDou."""
+    series = series_of(name)
     day = day_of_detections(
         series, TESTS, draws=64, calibration_draws=499, p_fa=0.01, seed=1, precision="float64", progress=False
     )
-    system = np.array([one[0] for one in g.names])[g.satellite]
-    counts = {letter: np.median(((system == letter) & g.in_view).sum(axis=1)) for letter in "GC"}
+    counts = satellites_of(series.geometry)
     return day.drawn.assign(part=name, gps=counts["G"], bds=counts["C"])
 
 

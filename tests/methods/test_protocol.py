@@ -285,6 +285,9 @@ def test_a_new_method_runs_through_the_sweep():
 
 def test_a_lone_satellite_takes_part_in_every_method(any_method):
     design, sigma, _ = random_sky(np.random.default_rng(12), counts=(7, 1))
-    observed = 0.5 * sigma * np.random.default_rng(13).standard_normal(8)
-    with_it, without = (outcome(any_method, design, sigma, observed, np.arange(8) < n) for n in (8, 7))
+    observed = 0.5 * sigma[:, None] * np.random.default_rng(13).standard_normal((8, LANES))
+    # Padded to the shape that is compiled already.
+    design, observed = (np.pad(one, ((0, 2), (0, 0))) for one in (design, observed))
+    sigma = np.pad(sigma, (0, 2), constant_values=1.0)
+    with_it, without = (outcome(any_method, design, sigma, observed, np.arange(10) < n) for n in (8, 7))
     assert_same(with_it, without)

@@ -46,7 +46,7 @@ def _findings(figure: Figure) -> Findings:
 
 
 class _Strange(Figure):
-    def savefig(self, *args: object, **kwargs: object) -> None:
+    def draw(self, *args: object, **kwargs: object) -> None:
         raise RuntimeError("no ink")
 
 

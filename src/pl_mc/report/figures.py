@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import functools
-import io
 import re
 from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass
@@ -14,6 +13,7 @@ import matplotlib as mpl
 import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.backends.backend_agg import FigureCanvasAgg
+from matplotlib.backends.backend_svg import FigureCanvasSVG
 from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 from matplotlib.ticker import LogFormatter, LogFormatterSciNotation
@@ -213,15 +213,18 @@ class _Powers(LogFormatterSciNotation):
 
 
 def _save(figure: Figure, folder: Path, name: str) -> None:
-    picture = io.BytesIO()
     with mpl.rc_context(_LOOK):
         for axis in (axis for axes in figure.axes for axis in (axes.xaxis, axes.yaxis)):
             if isinstance(axis.get_major_formatter(), LogFormatter):
                 axis.set_major_formatter(_Powers())
             if isinstance(axis.get_minor_formatter(), LogFormatter):
                 axis.set_minor_formatter(_Powers(labelOnlyBase=False))
-        figure.savefig(picture, dpi=150)
-        figure.savefig(folder / f"{name}.svg", metadata={"Date": None, "Creator": None})
-    with Image.open(picture) as image:
-        few = image.convert("RGB").quantize(256, dither=Image.Dither.NONE)
+        # Laid out and drawn once for both; what saves a figure lays it out and draws it twice for each.
+        figure.set_dpi(150)
+        canvas = FigureCanvasAgg(figure)
+        canvas.draw()
+        image = Image.fromarray(np.asarray(canvas.buffer_rgba())).convert("RGB")
+        figure.set_layout_engine("none")
+        FigureCanvasSVG(figure).print_svg(folder / f"{name}.svg", metadata={"Date": None, "Creator": None})
+    few = image.quantize(256, dither=Image.Dither.NONE)
     few.save(folder / f"{name}.png", optimize=True, dpi=(150, 150))
