@@ -103,7 +103,7 @@ def ls_rates(
             **shared, slope=factor / np.sqrt(dof), shift=effects.vertical_m[available] / dop_m, limit=limit_m / dop_m
         )
     else:
-        largest_m, ratio, major, minor = _principal(quantities, effects, available)
+        largest_m, ratio, major, minor = horizontal_errors(quantities, effects, available)
         rates[:, available] = length_and_alarm_rates(
             **shared, slope=factor * dop_m / (largest_m * np.sqrt(dof)), limit=limit_m / largest_m, ratio=ratio,
             major=major, minor=minor,
@@ -111,7 +111,7 @@ def ls_rates(
     return _table(g, faults, effects, rates)
 
 
-def _principal(
+def horizontal_errors(
     quantities: LsQuantities, effects: FaultEffects, rows: NDArray[np.bool_]
 ) -> tuple[FloatArray, FloatArray, FloatArray, FloatArray]:
     """Larger standard deviation of the horizontal error [m], and in units of it the smaller one and mean errors.
@@ -179,7 +179,7 @@ class AprioriLaw(Law):
             """P(error <= size) and P(error > size)."""
             if vertical:
                 return _normal_tails(size_m / dop_m, effects.vertical_m[available] / dop_m)
-            largest_m, *shape = _principal(quantities, effects, available)
+            largest_m, *shape = horizontal_errors(quantities, effects, available)
             return length_beyond(size_m / largest_m, *shape)
 
         (harmless, hazard), (_, exceeded) = tails(np.full_like(level_m, limit_m)), tails(level_m)

@@ -12,6 +12,7 @@ from pathlib import Path
 from typing import Annotated, Any, ClassVar, Literal
 
 import numpy as np
+import pandas as pd
 from numpy.typing import NDArray
 from pydantic import AfterValidator, BaseModel, ConfigDict, Field, ValidationInfo, field_validator, model_validator
 from pydantic_core import PydanticCustomError
@@ -282,6 +283,36 @@ class ByAxes(Experiment):
     def asked_axes(self) -> tuple[str, ...] | None:
         """The field."""
         return self.axes
+
+
+class ByOneAxis(ByAxes):
+    """What a file says of a kind that judges by one axis at a time."""
+
+    most_axes: ClassVar[int] = 1
+
+    @property
+    def decides(self) -> Judged:
+        """The axis with its limits."""
+        (judged,) = self.judged()
+        return judged
+
+    def with_axis(self, table: pd.DataFrame, behind: str = "method") -> pd.DataFrame:
+        """The table with a column ``axis`` behind one of its columns, unless the vertical limit decides unasked."""
+        if "axis" in table or (self.decides.axis == VERTICAL and self.axes is None):
+            return table
+        table.insert(table.columns.get_loc(behind) + 1, "axis", self.decides.axis)
+        return table
+
+
+class ByOneLevel(ByOneAxis):
+    """What a file says of a kind that judges one error by one level, the vertical ones or the horizontal ones."""
+
+    takes_either: ClassVar[bool] = False
+
+    @property
+    def level_axis(self) -> Literal["vertical", "horizontal"]:
+        """The axis."""
+        return "vertical" if self.decides.axis == VERTICAL else "horizontal"
 
 
 def kind_of(experiment: Experiment) -> str:
