@@ -79,14 +79,15 @@ def worst_case(
     one satellite at a time. The noise has the sigma of the geometry. A fault and its negative are equally bad; the one
     with a positive bias on the first satellite is given.
 
-    For other methods, and for all of them where either limit decides or pairs fail horizontally, numbers are
-    estimates; the noise is Gaussian too. One satellite at a time: populations of subset simulation at 18 sizes from 1
-    to 150 m on every satellite find the event, and importance sampling from what all of them found gives, from one
-    sample, the curve of its probability over all sizes on a satellite, whether it is 1e-2 or 1e-20. Sizes that a sample cannot tell are sampled again. About the best size of
-    the ``refine`` worst satellites a finer curve follows, and there a last estimate by `pl_mc.risk` with ``target_cov``
-    and noise of its own, so that choosing the largest does not bias it. Nothing bounds what was passed over: parts of
-    the event that no population met, narrow peaks between the sizes, sizes beyond 150 m. All satellites take about two
-    minutes of one core; a list in ``satellites`` shortens it, but fewer populations find less.
+    For other methods, and for all of them where either limit decides or pairs fail horizontally, numbers are estimates;
+    the noise is Gaussian too. One satellite at a time: populations of subset simulation at 18 sizes from 1 to 150 m on
+    every satellite find the event, and importance sampling from what all of them found gives, from one sample, the
+    curve of its probability over all sizes on a satellite, whether it is 1e-2 or 1e-20. Sizes that a sample cannot tell
+    are sampled again. About the best size of the ``refine`` worst satellites a finer curve follows, and there a last
+    estimate by `pl_mc.risk` with ``target_cov`` and noise of its own, so that choosing the largest does not bias it.
+    Nothing bounds what was passed over: parts of the event that no population met, narrow peaks between the sizes,
+    sizes beyond 150 m. All satellites take about two minutes of one core; a list in ``satellites`` shortens it, but
+    fewer populations find less.
 
     Pairs of such a method are screened first: 42 faults of each pair (seven sizes, both relative signs, three
     ratios, and the direction that is worst for least squares) by the limit state of 1024 draws, the same for all;
@@ -123,13 +124,14 @@ def worst_case(
         grid_bias_2_m``) and ``grid_probability``. For least squares also ``vertical_m``, mean vertical error under the
         fault [m] (or ``horizontal_m``, the length of the horizontal one), ``noncentrality`` of V'PV, and
         ``alarm_rate``. For other methods also ``refined`` and ``warning``; the grid is what the search has of it, at
-        the search's accuracy, and so are the numbers of satellites that are not refined. Of single satellites
-        also ``subset_probability, subset_standard_error``, what the second estimator of `pl_mc.risk` found. A bias is infinite where no residual shows the fault, and missing where the probability
-        is zero: at an epoch without redundancy, which always alarms, or below about 1e-290. Of screened pairs there is
-        no grid; ``stage`` says how far each came (``screened, shortlisted, refined``), ``rough`` is what the screening
-        makes of its probability, without an error, and only a refined pair has a ``probability``. The interval of the
-        others is that of the event's count among the draws of the screening, for their worst fault there.
-        ``table.attrs["evaluations"]`` is the number of scenarios at each stage, summed over the epochs.
+        the search's accuracy, and so are the numbers of satellites that are not refined. Of single satellites also
+        ``subset_probability, subset_standard_error``, what the second estimator of `pl_mc.risk` found. A bias is
+        infinite where no residual shows the fault, and missing where the probability is zero: at an epoch without
+        redundancy, which always alarms, or below about 1e-290. Of screened pairs there is no grid; ``stage`` says how
+        far each came (``screened, shortlisted, refined``), ``rough`` is what the screening makes of its probability,
+        without an error, and only a refined pair has a ``probability``. The interval of the others is that of the
+        event's count among the draws of the screening, for their worst fault there. ``table.attrs["evaluations"]`` is
+        the number of scenarios at each stage, summed over the epochs.
 
     Raises:
         InputError: unknown names, options outside their range, ``chi2`` for a method without an exact law.

@@ -58,7 +58,8 @@ def run(experiment: TuningExperiment, execution: Execution) -> Findings:
             g, method=robust[0], target=target, objective=objective, event=experiment.event, faults=faults,
             alert=judged.alert, axis=experiment.level_axis, draws=experiment.draws,
             confidence=experiment.confidence, seed=experiment.seed, steps=experiment.steps, grid=0,
-            search_draws=experiment.search_draws, target_cov=experiment.target_cov, max_evaluations=experiment.max_evaluations,
+            search_draws=experiment.search_draws, target_cov=experiment.target_cov,
+            max_evaluations=experiment.max_evaluations,
         )  # fmt: skip
         table.attrs = {}
         return table.drop(columns="axis").assign(method=robust[0].name, target=target, tuned_for=objective)
