@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 from pydantic import AfterValidator, BaseModel, ConfigDict, Field, ValidationInfo, field_validator, model_validator
 from pydantic_core import PydanticCustomError
 
-from pl_mc.alert import AXES, EITHER, OPERATIONS, VERTICAL, AlertLimits, Judged, as_alert, as_axes, as_limits
+from pl_mc.alert import AXES, EITHER, VERTICAL, AlertLimits, Judged, as_alert, as_axes, as_limits, is_operation
 from pl_mc.constants import MOST_SATELLITES
 from pl_mc.engine.checks import LARGEST_DRAWS, LARGEST_SEED
 from pl_mc.error_models import ErrorModel, error_model
@@ -259,7 +259,7 @@ class ByAxes(Experiment):
     def _of_the_limits(cls, given: Any, info: ValidationInfo) -> Any:
         named, alert = (given,) if isinstance(given, str) else given, info.data.get("alert")
         # Limits that are wrong themselves say so.
-        if named is not None and (isinstance(alert, GivenLimits) or alert in OPERATIONS):
+        if named is not None and (isinstance(alert, GivenLimits) or is_operation(alert)):
             try:
                 axes = as_axes(named, as_limits(alert if isinstance(alert, str) else alert.build()))
             except InputError as error:
