@@ -24,6 +24,7 @@ RAIL = {"name": "rail", "horizontal_m": 10.0}
 BOTH = {"name": "both", "vertical_m": 15.0, "horizontal_m": 10.0}
 WITH_AXIS = ("curves", "worst", "steps", "calibration", "multiplier_curves", "equal_risk")
 EPOCH = {"epochs": 1, "epoch": 0}
+GPS = EPOCH | {"constellations": ("GPS",), "without": ("G19",)}
 SERIES: dict[str, Any] = {
     "kind": "series", "title": "rail", "seed": 3, "compare": "static", "redraws": 1,
     "source": {"kind": "site", "epochs": 40}, "faults": {"windows": [[10, 29]], "highest_m": 60.0},
@@ -168,12 +169,13 @@ def test_exposures_of_either_limit_hold_those_of_both() -> None:
 
 
 TUNING: dict[str, Any] = {
-    "kind": "tuning", "title": "rail", "seed": 5, "geometry": EPOCH | {"constellations": ("GPS",), "without": ("G19",)},
+    "kind": "tuning", "title": "rail", "seed": 5, "geometry": GPS,
     "targets": [1e-2], "methods": ["ls", {"name": "igg3", "iterations": 10}], "faults": [{"G22": 5.0}], "draws": 4096,
     "search_draws": 1024, "steps": 2, "max_evaluations": 500_000,
 }  # fmt: skip
 RISK: dict[str, Any] = {
-    "kind": "risk", "title": "rail", "seed": 5, "noise_scale": 3.0, "geometry": EPOCH, "methods": ["ls", "igg3"],
+    "kind": "risk", "title": "rail", "seed": 5, "noise_scale": 3.0, "geometry": GPS, "worst": {"events": ["misleading"]},
+    "methods": ["ls", {"name": "igg3", "iterations": 10}],
     "curves": {"satellites": ["G22"], "step_m": 25.0, "misleading_m": [12.5], "target_cov": 0.3},
     "budgets": [],
     "calibration": {
@@ -233,7 +235,7 @@ def test_risks_horizontally(tmp_path: Path) -> None:
     tables = {name: pd.read_csv(folder / f"{name}.csv", keep_default_na=False, na_values=[""]) for name in WITH_AXIS}
     for name, table in tables.items():
         assert set(table.axis) == {HORIZONTAL}, name
-    g = pl_mc.simulate(epochs=1)[0]
+    g = pl_mc.simulate(epochs=1, constellations=("GPS",), without=("G19",))[0]
     tripled = dataclasses.replace(g, sigma_m=3.0 * g.sigma_m)
     alert = pl_mc.AlertLimits("rail", horizontal_m=10.0)
     ramp = pl_mc.ramps(tripled, satellites=["G22"], start_m=0.0, stop_m=100.0, step_m=25.0)

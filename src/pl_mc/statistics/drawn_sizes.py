@@ -1,4 +1,4 @@
-"""Exact rates under a fault whose size is drawn: the mean over its distribution, by a rule that sees all of their steps.
+"""Exact rates under a fault whose size is drawn: the mean over its distribution, by a rule that sees all their steps.
 
 Rates change with a size over about one standard deviation of what it moves, be it an error or the root of V'PV. The
 rule has panels of a few of those, so that its error is that of the rates themselves; every term is positive.

@@ -30,7 +30,7 @@ from pl_mc.statistics.noncentral import REACH, split_at_threshold
 # Sizes of the scan are so far apart, in roots of the noncentrality, and the probability changes within about one.
 _STEP = 1.0
 # Each round narrows the bracket of a peak four times; peaks of the scan far below its largest value are left.
-_ROUNDS, _POINTS = 4, 9
+_ROUNDS, _POINTS = 3, 9
 _WORTH_REFINING, _MOST_PEAKS = 0.1, 2
 # A direction of unit length moves the position by about one standard deviation; below this share the rest is rounding.
 _NO_EFFECT = 1e-9
@@ -115,6 +115,16 @@ class HorizontalFaults:
         found = [self._refined(event, satellite, scan, at) for at in _peaks(values)]
         return max([(float(scan[values.argmax()] / per_metre), float(values.max())), *found], key=lambda one: one[1])
 
+    def largest_of(self, event: str, satellite: int, size_m: FloatArray) -> tuple[float, float]:
+        """The size [m] with the largest probability, of some in order, and that probability."""
+        # After the first size only those that could be worse.
+        values, bound = np.zeros(size_m.size), special.ndtr(np.sqrt(self.threshold) - self.root[satellite] * size_m)
+        values[:1] = self.probability(event, satellite, size_m[:1])
+        further = np.flatnonzero(bound > values[0])
+        further = further[further > 0]
+        values[further] = self.probability(event, satellite, size_m[further])
+        return float(size_m[values.argmax()]), float(values.max())
+
     def _refined(self, event: str, satellite: int, scan: FloatArray, at: int) -> tuple[float, float]:
         """Size [m] and probability at the top of a peak of the scan."""
         low, high = scan[max(at - 1, 0)], scan[min(at + 1, scan.size - 1)]
@@ -151,8 +161,7 @@ def horizontal_table(
         faults = HorizontalFaults.of(g, law, alert)
         for k, (satellite,) in enumerate(groups):
             size_m, probability = worst[k] = faults.worst(event, satellite)
-            values = faults.probability(event, satellite, GRID_M)
-            grid[k] = GRID_M[values.argmax()], values.max()
+            grid[k] = faults.largest_of(event, satellite, GRID_M)
             if np.isfinite(size_m):
                 effect_m[k] = size_m * float(np.hypot(*faults.toward[satellite])) * faults.largest_m
                 root[k] = size_m * faults.root[satellite]
