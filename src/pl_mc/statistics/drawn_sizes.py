@@ -51,8 +51,8 @@ def mean_over_sizes(
     names = [f"{k} {j}" for k, size in enumerate(count) for j in range(size)]
     table = rates_of(replace(sized, labels=tuple(names)))
     owner = table["fault"].str.split(" ").str[0].astype(int).to_numpy()
-    weight = dict(zip(names, np.concatenate(weights), strict=True))
-    table[list(columns)] = table[list(columns)].mul(table["fault"].map(weight), axis=0)
+    of_name = dict(zip(names, np.concatenate(weights), strict=True))
+    table[list(columns)] = table[list(columns)].mul(table["fault"].map(of_name), axis=0)
     table["fault"], table["bias_m"] = owner, faults.scalar_bias_m[owner]
     grouped = table.groupby(["epoch", "fault"], sort=False, as_index=False)
     mean = grouped.agg({"bias_m": "first", **dict.fromkeys(columns, "sum")})

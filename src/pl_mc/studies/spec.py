@@ -259,9 +259,10 @@ class ByAxes(Experiment):
     def _of_the_limits(cls, given: Any, info: ValidationInfo) -> Any:
         named, alert = (given,) if isinstance(given, str) else given, info.data.get("alert")
         # Limits that are wrong themselves say so.
-        if named is not None and (isinstance(alert, GivenLimits) or is_operation(alert)):
+        limits = alert.build() if isinstance(alert, GivenLimits) else alert if is_operation(alert) else None
+        if named is not None and limits is not None:
             try:
-                axes = as_axes(named, as_limits(alert if isinstance(alert, str) else alert.build()))
+                axes = as_axes(named, as_limits(limits))
             except InputError as error:
                 raise PydanticCustomError("axes", "{rule}", {"rule": str(error).removeprefix("axes: ")}) from None
             if len(axes) > cls.most_axes:

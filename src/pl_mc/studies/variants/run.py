@@ -240,6 +240,6 @@ def _default_options() -> str:
     meant = {"iterations": settled.solutions, "acceleration": "aitken" if settled.accelerated else "none"}
     varied = {name: value for name, value in (asdict(Igg3()) | meant).items() if not name.startswith("k_")}
     return ", ".join(
-        f"{name.replace('_', ' ')} {value:g}" if isinstance(value, float) else f"{name} {value}"
+        f"{name.replace('_', ' ')} {value:g}" if isinstance(value, float) else f"{name.replace('_', ' ')} {value}"
         for name, value in varied.items()
     )
