@@ -174,8 +174,8 @@ TUNING: dict[str, Any] = {
     "search_draws": 1024, "steps": 2, "max_evaluations": 500_000,
 }  # fmt: skip
 RISK: dict[str, Any] = {
-    "kind": "risk", "title": "rail", "seed": 5, "noise_scale": 3.0, "geometry": GPS, "worst": {"events": ["misleading"]},
-    "methods": ["ls", {"name": "igg3", "iterations": 10}],
+    "kind": "risk", "title": "rail", "seed": 5, "noise_scale": 3.0, "geometry": GPS,
+    "worst": {"events": ["misleading"]}, "methods": ["ls", {"name": "igg3", "iterations": 10}],
     "curves": {"satellites": ["G22"], "step_m": 25.0, "misleading_m": [12.5], "target_cov": 0.3},
     "budgets": [],
     "calibration": {

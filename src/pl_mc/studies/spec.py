@@ -259,10 +259,10 @@ class ByAxes(Experiment):
     def _of_the_limits(cls, given: Any, info: ValidationInfo) -> Any:
         named, alert = (given,) if isinstance(given, str) else given, info.data.get("alert")
         # Limits that are wrong themselves say so.
-        limits = alert.build() if isinstance(alert, GivenLimits) else alert if is_operation(alert) else None
-        if named is not None and limits is not None:
+        own = isinstance(alert, GivenLimits)
+        if named is not None and alert is not None and (own or is_operation(alert)):
             try:
-                axes = as_axes(named, as_limits(limits))
+                axes = as_axes(named, as_limits(alert.build() if own else alert))
             except InputError as error:
                 raise PydanticCustomError("axes", "{rule}", {"rule": str(error).removeprefix("axes: ")}) from None
             if len(axes) > cls.most_axes:
