@@ -246,11 +246,9 @@ def test_rare_events_and_multipliers_see_the_bias_of_the_epoch(day: pl_mc.Geomet
 @pytest.mark.parametrize(
     "call",
     [
-        lambda g, faults: pl_mc.exact.ls_rates(g, faults),
         lambda g, faults: pl_mc.risk(g, faults, event="misleading", seed=1),
         lambda g, faults: pl_mc.calibrate(g, target=1e-3, faults=faults),
         lambda g, faults: pl_mc.tune(g, target=1e-3, faults=faults),
-        lambda g, faults: pl_mc.detect(g, faults, draws=10, seed=1),
         lambda g, faults: pl_mc.exposure(g, faults, tau_s=0.0, draws=10, seed=1),
         lambda g, faults: inject(g.as_series(), np.zeros((1, len(g.names))), faults),
     ],

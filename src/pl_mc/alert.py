@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 
@@ -181,12 +182,27 @@ RNP_03 = AlertLimits("RNP 0.3", horizontal_m=556.0)
 # Operations with a vertical limit, and all of them.
 BY_NAME = {limits.name: limits for limits in (APV_I, LPV_200, APV_II, CAT_I, CAT_II, CAT_IIIB)}
 OPERATIONS = BY_NAME | {limits.name: limits for limits in (NPA, TERMINAL, EN_ROUTE, OCEANIC, RNP_01, RNP_03)}
+_BY_LETTERS = {re.sub(r"[ -]", "", name).lower(): name for name in OPERATIONS} | {"catii/iiia": CAT_II.name}
+
+
+def operation_named(name: str, field: str = "alert") -> str:
+    """The name of an operation as `OPERATIONS` has it, of one that differs in case, blanks and hyphens alone."""
+    return _BY_LETTERS.get(_letters(name)) or require_choice(name, OPERATIONS, field=field)
+
+
+def is_operation(name: object) -> bool:
+    """Whether an operation is called so."""
+    return isinstance(name, str) and _letters(name) in _BY_LETTERS
+
+
+def _letters(name: str) -> str:
+    return re.sub(r"[\s_-]", "", name).lower()
 
 
 def as_limits(alert: str | AlertLimits) -> AlertLimits:
-    """Alert limits by name (``LPV-200``, ``RNP 0.3``) or as a record; an `InputError` for another name or type."""
+    """Alert limits by name (``LPV-200``, ``RNP 0.3``, ``CAT I``) or as a record; an `InputError` for anything else."""
     if isinstance(alert, str):
-        return OPERATIONS[require_choice(alert, OPERATIONS, field="alert")]
+        return OPERATIONS[operation_named(alert)]
     if not isinstance(alert, AlertLimits):
         kind = alert.__name__ if isinstance(alert, type) else type(alert).__name__
         raise InputError(f"alert: alert limits such as pl_mc.LPV_200 are needed, not {kind}.")

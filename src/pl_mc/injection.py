@@ -36,6 +36,10 @@ class DrawnRows:
     either: NDArray[np.bool_]
     of: NDArray[np.int32]
 
+    def at(self, places: NDArray[np.int64]) -> DrawnRows:
+        """Those of some places along the first axis."""
+        return DrawnRows(*(part[places] for part in vars(self).values()))
+
 
 def row_biases(
     series: Geometry, faults: Faults, places: NDArray[np.int64], index: NDArray[np.int64]

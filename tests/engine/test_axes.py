@@ -9,7 +9,7 @@ import pandas as pd
 import pytest
 
 import pl_mc
-from pl_mc.alert import AXES, EITHER, HORIZONTAL, OPERATIONS, VERTICAL, as_axes, unjudged_note
+from pl_mc.alert import AXES, EITHER, HORIZONTAL, OPERATIONS, VERTICAL, as_axes, as_limits, unjudged_note
 from pl_mc.engine import EVENTS
 from pl_mc.kernels import LeastSquaresSolution, LinearModel
 from pl_mc.kernels.noise import LANES
@@ -164,6 +164,14 @@ def test_limits() -> None:
     assert as_axes(None, OPERATIONS["CAT-I"]) == (VERTICAL,)
     assert OPERATIONS["RNP 0.1"].words == "HAL 185 m"
     assert unjudged_note(OPERATIONS["RNP 0.1"], (HORIZONTAL,)) == ""
+    # Names as they are written elsewhere, by case, blanks and hyphens.
+    for name, meant in (
+        ("CAT I", "CAT-I"), ("CAT II/IIIA", "CAT-II"), ("cat_iiib", "CAT-IIIB"), ("LPV200", "LPV-200"),
+        ("RNP0.3", "RNP 0.3"), ("En-route", "en-route"), ("Terminal", "terminal"), ("rnp 0.1", "RNP 0.1"),
+    ):  # fmt: skip
+        assert as_limits(name) is OPERATIONS[meant]
+    with pytest.raises(pl_mc.InputError, match="alert: 'CAT IV' is unknown"):
+        as_limits("CAT IV")
 
 
 @dataclasses.dataclass(frozen=True)

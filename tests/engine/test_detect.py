@@ -2,9 +2,12 @@
 
 from __future__ import annotations
 
+from typing import Any
+
 import numpy as np
 import pandas as pd
 import pytest
+from scipy import stats
 
 import pl_mc
 from pl_mc import InputError
@@ -201,3 +204,28 @@ def test_bad_errors_are_refused(g: Geometry) -> None:
         examine(g, np.zeros((2, len(g.names))))
     with pytest.raises(InputError, match="finite number of metres"):
         examine(g, np.full(len(g.names), np.nan))
+
+
+def test_drawn_sizes_are_detected_as_the_mean_over_them() -> None:
+    """Of uniform sizes the power is the mean of that of fixed ones; the suspect is a faulted satellite."""
+    g = pl_mc.simulate(epochs=2, interval_s=3600.0)
+    options: dict[str, Any] = {"tests": ("chi2",), "p_fa": 0.01, "calibration_draws": 999, "progress": False}
+    faults = pl_mc.no_fault(g) + pl_mc.biases(g, "G12:uniform(1,9)m") + pl_mc.biases(g, "G12:+5m")
+    table = pl_mc.detect(g, faults, draws=4096, seed=3, **options)
+    nominal = table[table.level == "nominal"].set_index(["epoch", "fault"])
+    # Faults beside a drawn one are counted as they are alone.
+    alone = pl_mc.detect(g, faults.only(0, 2), draws=4096, seed=3, **options)
+    for row in alone[alone.level == "nominal"].itertuples():
+        assert nominal.detections[row.epoch, row.fault] == row.detections
+    points, weights = np.polynomial.legendre.leggauss(20)
+    for epoch in (0, 1):
+        one = g[epoch]
+        quantities = pl_mc.statistics.ls_quantities(one)
+        sizes = np.zeros((20, len(one.names)))
+        sizes[:, one.names.index("G12")] = 5.0 + 4.0 * points
+        effects = pl_mc.statistics.fault_effects(one, pl_mc.Faults.from_array(one, sizes))
+        limit = stats.chi2.isf(0.01, quantities.dof)
+        power = float(weights / 2.0 @ stats.ncx2.sf(limit, quantities.dof, effects.noncentrality))
+        row = nominal.loc[(epoch, "G12:uniform(1,9)m")]
+        assert pl_mc.statistics.binomial_p_value(int(row.detections), 4096, power) > 1e-4
+        assert row.identified_rate > 0.8 * row.detection_rate

@@ -99,7 +99,7 @@ def test_a_limit_for_what_judges_by_none(capsys: pytest.CaptureFixture[str]) -> 
     ],
 )
 def test_limits_of_a_kind_that_judges_vertically_alone(alert: Any, words: str) -> None:
-    record = load_experiment("zhao2021-static", {"alert": alert})[1]
+    record = load_experiment("zhao2021-readings", {"alert": alert})[1]
     with pytest.raises(InputError, match=words):
         record.alert_limits()
 
@@ -127,7 +127,7 @@ def test_axes_that_cannot_be(change: dict[str, Any], words: str) -> None:
 
 def test_kinds_that_take_no_axes_or_one_at_a_time() -> None:
     with pytest.raises(InputError, match="axes: an experiment of this kind judges by the vertical limit, or by limits"):
-        load_experiment("zhao2021-static", {"axes": "horizontal"})
+        load_experiment("zhao2021-readings", {"axes": "horizontal"})
     files = {"observations": "a", "navigation": "b", "truth": "1,2,3", "title": "t", "kind": "observe", "alert": BOTH}
     with pytest.raises(InputError, match="axes: this kind of experiment judges by one axis at a time"):
         build_experiment(files | {"axes": ["vertical", "horizontal"]}, source="test")
@@ -144,11 +144,3 @@ def test_the_axis_of_an_experiment() -> None:
         ({"alert": BOTH, "axes": ["horizontal", "vertical"]}, ("horizontal", "vertical")),
     ):
         assert build_experiment(CONTENT | change, source="test").judged_axes() == axes
-
-
-def test_what_decides_vertically_alone_refuses_the_rest() -> None:
-    g = pl_mc.simulate(epochs=1)[0]
-    with pytest.raises(InputError, match="alert: NPA has no vertical limit, which decides here"):
-        pl_mc.exposure(g, pl_mc.no_fault(g), tau_s=[30.0], draws=3, seed=1, alert="NPA")
-    with pytest.raises(InputError, match=r"alert\.horizontal_m: 10 m would decide nothing here"):
-        pl_mc.tune(g, alert=pl_mc.AlertLimits("rail", vertical_m=15.0, horizontal_m=10.0))

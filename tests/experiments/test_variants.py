@@ -92,7 +92,7 @@ def test_the_epochs_and_satellites_are_the_extreme_ones() -> None:
     i, j = max(pairs, key=pairs.__getitem__)
     assert set(double.satellites) == {g.names[i], g.names[j]}
     assert gain[i] * gain[j] > 0
-    assert abs(double.vertical) == pytest.approx(pairs[i, j])
+    assert abs(double.moved) == pytest.approx(pairs[i, j])
     # Both get the whole bias.
     for row, size in zip(double.faults.bias_m, (5.0, 10.0), strict=True):
         assert dict(zip(series.names, row, strict=True)) == {

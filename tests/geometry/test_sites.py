@@ -43,7 +43,8 @@ def test_the_answer_is_the_caller_s_own():
         (np.zeros((2, 3)), "not shape .2, 3."),
         (("a", "b", "c"), "cannot be read"),
         ((np.nan, 6.4e6, 0.0), "finite number"),
-        ((91.0, 0.0, 0.0), "inside the Earth"),
+        ((91.0, 0.0, 0.0), r"inside the Earth as X,Y,Z in metres, and no latitude .up to 90 deg."),
+        ((45.0, 7.0), "3 coordinates in metres, or latitude, longitude and height, are needed, not 2"),
         # Kilometres where metres belong.
         ((-2364.3, 4870.3, -3360.8), "inside the Earth"),
         ((6_370_000.0, 0.0, 0.0), "-8137 m is below the limit, -1000 m"),

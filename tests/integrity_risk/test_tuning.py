@@ -48,7 +48,7 @@ def _problem(g: Geometry, objective: str = "vpl", step: float = 0.05, iterations
         target=TARGET,
         misleading=True,
         objective=objective,
-        vertical_m=35.0,
+        limit_m=35.0,
         step=step,
     )
 

@@ -57,7 +57,7 @@ def detect(
 
     Args:
         g: one epoch or a series.
-        faults: bias vectors, from `ramp`, `biases` or `no_fault`.
+        faults: bias vectors, from `ramp`, `biases` or `no_fault`; sizes that are drawn are those of `pl_mc.sweep`.
         tests: names (``chi2``, ``mean_check``) or records of `pl_mc.detectors`, and of methods with a statistic
             (`pl_mc.methods.capabilities.Statistic`), such as ``slope``: its ratio to their own threshold is tested.
         draws: noise draws for each fault at each epoch.
@@ -85,16 +85,17 @@ def detect(
         InputError: bad options, faults of another geometry, or a single epoch at which one of the tests is not
             defined; the others can then be asked for without it.
     """
-    require_inputs(g, faults, LPV_200)
+    require_inputs(g, faults, LPV_200, drawn=True)
     options = checked_options(tests, p_fa, seed, precision, workers, progress)
     draws = require_whole(draws, field="draws", low=1, high=MOST_DRAWS)
     series = g.as_series()
     defined, notes = defined_at(g, options.tests)
     order, given = fault_slots(faults.applies(g))
-    bias_m = np.where(given[:, :, None], row_biases(series, faults, np.arange(len(series))[:, None], order)[0], 0.0)
+    bias_m, drawn = row_biases(series, faults, np.arange(len(series))[:, None], order)
+    bias_m = np.where(given[:, :, None], bias_m, 0.0)
 
     calibration = calibrate(series, options, draws=calibration_draws, defined=defined)
-    counts = power_counts(series, bias_m, given, calibration.thresholds, options, draws=draws)
+    counts = power_counts(series, bias_m, given, calibration.thresholds, options, draws=draws, drawn=drawn)
     rows = np.ones((*given.shape, len(options.tests), len(LEVELS)), bool)
     place, slot, test, level = np.nonzero(rows & given[:, :, None, None] & defined[:, None, :, None])
     fault = order[place, slot]

@@ -12,7 +12,7 @@ from jax import Array
 
 from pl_mc.detectors import DETECTORS, Detector, Verdict, View
 from pl_mc.detectors.base import nothing_redundant, suspected
-from pl_mc.engine.core import EpochBatch, block_noise
+from pl_mc.engine.core import EpochBatch, block_noise, block_sizes
 from pl_mc.kernels import LeastSquaresSolution, LinearModel, linear_model, start_from
 from pl_mc.kernels.noise import LANES, live_lanes
 from pl_mc.kernels.scenarios import each_fault
@@ -130,7 +130,9 @@ def count_detections(
 
             noise = block_noise(model, one.epochs, seed, block)
             nothing = jnp.zeros((len(tests), levels, 2), jnp.int32)
-            return total + each_fault(model, one.epochs, noise, count, skipped=nothing), None
+            return total + each_fault(
+                model, one.epochs, noise, count, sizes=block_sizes(one.epochs, seed, block), skipped=nothing
+            ), None
 
         none = jnp.zeros((one.epochs.bias_m.shape[0], len(tests), levels, 2), jnp.int32)
         return jax.lax.scan(add_block, none, first_block + jnp.arange(blocks, dtype=jnp.int32))[0]

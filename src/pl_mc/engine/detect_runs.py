@@ -32,7 +32,9 @@ from pl_mc.engine.detect_core import (
     examine_errors,
     fault_free_statistics,
 )
+from pl_mc.engine.drawn_biases import DrawnBiases
 from pl_mc.geometry.record import Geometry
+from pl_mc.injection import DrawnRows
 from pl_mc.input_errors import InputError, require_fraction, require_whole
 from pl_mc.ism import satellite_codes
 from pl_mc.kernels.noise import LANES
@@ -172,7 +174,7 @@ def calibrate(
 
 def power_counts(
     series: Geometry, bias_m: FloatArray, applies: NDArray[np.bool_], thresholds: FloatArray, options: Options, *,
-    draws: int, first_block: int = 0,
+    draws: int, first_block: int = 0, drawn: DrawnRows | None = None,
 ) -> NDArray[np.int64]:  # fmt: skip
     """(e, f, tests, levels, 2), detections, and those of them whose suspect is faulted.
 
@@ -181,6 +183,7 @@ def power_counts(
         bias_m: (e, f, n), bias vectors over the rows of each epoch [m]; applies: (e, f), which of them count.
         thresholds: (e, tests, levels).
         draws: noise draws at each epoch, the same for all faults; first_block: where their noise begins.
+        drawn: (e, f, n), what is drawn of the biases, beside ``bias_m``.
     """
     faults = bias_m.shape[1]
     cut = _cut(len(series), draws, most=_SCENARIOS_PER_CALL // (faults * LANES), noise_from=first_block)
@@ -188,7 +191,7 @@ def power_counts(
     def count(chunk: Chunk, *noise: np.int32) -> Array:
         places = cut.places(chunk)
         return _count(
-            _batch(series, places, options, bias_m, applies), np.uint32(options.seed), *noise,
+            _batch(series, places, options, bias_m, applies, drawn), np.uint32(options.seed), *noise,
             jnp.asarray(thresholds[places], dtype_of(options.precision)), tests=options.tests, p_fa=options.p_fa,
             blocks=cut.blocks_per_call,
         )  # fmt: skip
@@ -216,7 +219,7 @@ def system_places(series: Geometry) -> NDArray[np.int32]:
 
 def _batch(
     series: Geometry, places: NDArray[np.int64], options: Options, bias_m: FloatArray | None = None,
-    applies: NDArray[np.bool_] | None = None,
+    applies: NDArray[np.bool_] | None = None, drawn: DrawnRows | None = None,
 ) -> TestBatch:  # fmt: skip
     """The arrays of one call, made in the precision scope in which it runs."""
     dtype = dtype_of(options.precision)
@@ -229,6 +232,7 @@ def _batch(
             bias_m=jnp.asarray(np.zeros(shape) if bias_m is None else bias_m[places], dtype),
             applies=jnp.asarray(np.ones(shape[:2], bool) if applies is None else applies[places]),
             epoch=jnp.asarray(series.epoch[places], np.uint32),
+            drawn=None if drawn is None else DrawnBiases.of_rows(drawn.at(places), dtype),
             satellite=jnp.asarray(satellite_codes(series)[places]),
         ),
         system=jnp.asarray(system_places(series)[places]),

@@ -16,7 +16,7 @@ from typing import Any
 import numpy as np
 from pydantic import ValidationError
 
-from pl_mc.alert import OPERATIONS, as_limits
+from pl_mc.alert import as_limits, is_operation
 from pl_mc.detectors.registry import detector
 from pl_mc.engine import Execution, plan
 from pl_mc.error_models import error_model
@@ -225,7 +225,7 @@ def _further_problems(content: Mapping[str, Any]) -> Iterator[FieldProblem]:
         own = set(fields_of(faults))
         where = "faults.biases" if "biases" in own else "faults"
         yield from _tried(where, lambda: build(geometry), own - {"biases"})
-    if not isinstance(record.alert, str) or record.alert in OPERATIONS:
+    if not isinstance(record.alert, str) or is_operation(record.alert):
         yield from _tried("alert", record.alert_limits)
     if geometry is not None and not list(_named(content.get("methods"), "methods", method)):
         yield from _tried("methods", lambda: as_methods(record.method_records(), geometry))

@@ -60,6 +60,8 @@ SITES: Mapping[str, Site] = MappingProxyType({site.name: site for site in _SITES
 
 # Latitude and longitude [deg] and height [m]; every Earth-fixed position on the ground has a larger coordinate.
 _GEODETIC = (90.0, 360.0, 1e6)
+# Coordinates this small are angles that are too large, or kilometres.
+_KILOMETRES = 1e4
 
 
 def site_position_m(site: str | ArrayLike) -> NDArray[np.float64]:
@@ -87,6 +89,15 @@ def site_position_m(site: str | ArrayLike) -> NDArray[np.float64]:
     given = require_numbers(site, field="site")
     if given.shape == (3,) and (np.abs(given) <= _GEODETIC).all():
         given = from_geodetic(np.radians(given[0]), np.radians(given[1]), given[2])
+    elif given.shape == (3,) and (np.abs(given) < _KILOMETRES).all():
+        raise InputError(
+            f"site: {shown(given.tolist())} is inside the Earth as X,Y,Z in metres, and no latitude (up to 90 deg), "
+            "longitude (up to 360 deg) and height in metres."
+        )
+    elif given.ndim == 1 and given.size != 3:
+        raise InputError(
+            f"site: 3 coordinates in metres, or latitude, longitude and height, are needed, not {given.size}."
+        )
     return checked_positions_m(given, field="site", shape=(3,))
 
 

@@ -14,7 +14,7 @@ from typing import Any
 import numpy as np
 import pandas as pd
 
-from pl_mc.alert import LPV_200, OPERATIONS, AlertLimits
+from pl_mc.alert import LPV_200, OPERATIONS, AlertLimits, operation_named
 from pl_mc.arrays import FloatArray, ordinary_arithmetic
 from pl_mc.engine.checks import LARGEST_SEED
 from pl_mc.engine.execution import Execution, run_task
@@ -277,7 +277,7 @@ def as_operations(operations: Any) -> tuple[AlertLimits, ...]:
         raise InputError(f"operations: at least one is needed (valid: {', '.join(OPERATIONS)}).")
     made: list[AlertLimits] = []
     for one in given:
-        limits = OPERATIONS[require_choice(one, OPERATIONS, field="operations")] if isinstance(one, str) else one
+        limits = OPERATIONS[operation_named(one, field="operations")] if isinstance(one, str) else one
         if not isinstance(limits, AlertLimits):
             raise InputError(
                 f"operations: a name or alert limits such as pl_mc.LPV_200 are needed, not {type(one).__name__}."

@@ -9,19 +9,21 @@ from __future__ import annotations
 
 from abc import ABC, abstractmethod
 from dataclasses import dataclass
-from typing import Literal
+from functools import partial
+from typing import Any, Literal
 
 import numpy as np
 import pandas as pd
 from numpy.typing import NDArray
 from scipy import special
 
-from pl_mc.alert import HORIZONTAL, LPV_200, VERTICAL, AlertLimits, as_axis, as_limits
+from pl_mc.alert import EITHER, HORIZONTAL, LPV_200, VERTICAL, AlertLimits, as_axis, as_limits
 from pl_mc.arrays import FloatArray, ordinary_arithmetic
 from pl_mc.constants import K_HORIZONTAL, K_VERTICAL
 from pl_mc.faults import Faults, require_faults
 from pl_mc.geometry.record import Geometry, require_geometry
 from pl_mc.input_errors import InputError, require_choice, require_within
+from pl_mc.statistics.drawn_sizes import mean_over_sizes
 from pl_mc.statistics.least_squares import FaultEffects, LsQuantities, fault_effects, ls_quantities
 from pl_mc.statistics.length import LEAST_RATIO, joint_length_exceedance, length_beyond
 from pl_mc.statistics.noncentral import joint_exceedance, split_at_threshold
@@ -37,7 +39,7 @@ def ls_rates(
     faults: Faults,
     *,
     alert: str | AlertLimits = LPV_200,
-    axis: Literal["vertical", "horizontal"] = "vertical",
+    axis: Literal["vertical", "horizontal"] | None = None,
     k_vertical: float = K_VERTICAL,
     k_horizontal: float = K_HORIZONTAL,
     alarm: Literal["pl", "chi2"] = "pl",
@@ -53,9 +55,11 @@ def ls_rates(
 
     Args:
         g: the geometry, one epoch or a series.
-        faults: the faults, made for ``g``; a fault counts where all of its satellites are in view.
+        faults: the faults, made for ``g``; a fault counts where all of its satellites are in view. Of one drawn size
+            the rates are the mean over its distribution; several that are drawn independently are refused.
         alert: alert limits.
-        axis: which of them is used: ``vertical``, or ``horizontal`` for the length of the horizontal error.
+        axis: which of them is used: ``vertical``, or ``horizontal`` for the length of the horizontal error; the
+            vertical one unless given, the horizontal one where the alert has no other.
         k_vertical, k_horizontal: factor of the protection level of that axis.
         alarm: ``pl``, alarm when the level passes the limit; ``chi2``, alarm when V'PV exceeds its fault-free
             quantile.
@@ -79,8 +83,11 @@ def ls_rates(
     require_geometry(g)
     require_faults(faults).require_geometry(g)
     alert = as_limits(alert)
-    require_choice(axis, (VERTICAL, HORIZONTAL), field="axis")
-    limit_m = alert.limit_m[as_axis(axis, alert)]
+    axis = _one_axis(axis, alert)
+    limit_m = alert.limit_m[axis]
+    if faults.drawn.any():
+        options: Any = {"alert": alert, "axis": axis, "k_vertical": k_vertical, "k_horizontal": k_horizontal}
+        return mean_over_sizes(g, faults, partial(ls_rates, g, **options, alarm=alarm, p_fa=p_fa), RATE_COLUMNS)
     factors = {VERTICAL: (k_vertical, K_VERTICAL), HORIZONTAL: (k_horizontal, K_HORIZONTAL)}
     for other, (given, usual) in factors.items():
         factor = require_within(given, field=f"k_{other}", low=1e-9, high=1e100)
@@ -103,7 +110,7 @@ def ls_rates(
             **shared, slope=factor / np.sqrt(dof), shift=effects.vertical_m[available] / dop_m, limit=limit_m / dop_m
         )
     else:
-        largest_m, ratio, major, minor = _principal(quantities, effects, available)
+        largest_m, ratio, major, minor = horizontal_errors(quantities, effects, available)
         rates[:, available] = length_and_alarm_rates(
             **shared, slope=factor * dop_m / (largest_m * np.sqrt(dof)), limit=limit_m / largest_m, ratio=ratio,
             major=major, minor=minor,
@@ -111,7 +118,7 @@ def ls_rates(
     return _table(g, faults, effects, rates)
 
 
-def _principal(
+def horizontal_errors(
     quantities: LsQuantities, effects: FaultEffects, rows: NDArray[np.bool_]
 ) -> tuple[FloatArray, FloatArray, FloatArray, FloatArray]:
     """Larger standard deviation of the horizontal error [m], and in units of it the smaller one and mean errors.
@@ -123,6 +130,17 @@ def _principal(
     minor, major = np.einsum("pca,pc->ap", axes, effects.horizontal_m[rows])
     largest_m = np.sqrt(variance[:, 1])
     return largest_m, np.sqrt(np.maximum(variance[:, 0], 0.0)) / largest_m, major / largest_m, minor / largest_m
+
+
+def _one_axis(axis: str | None, alert: AlertLimits) -> Literal["vertical", "horizontal"]:
+    """The axis, if its rates are known."""
+    decides = as_axis(axis, alert)
+    if decides == EITHER:
+        raise InputError(
+            "axis: of either limit no exact rates are known here, since the vertical and the horizontal error depend "
+            "on each other; choose vertical or horizontal (their rates bound those of either), or use pl_mc.sweep."
+        )
+    return "vertical" if decides == VERTICAL else "horizontal"
 
 
 @dataclass(frozen=True)
@@ -179,7 +197,7 @@ class AprioriLaw(Law):
             """P(error <= size) and P(error > size)."""
             if vertical:
                 return _normal_tails(size_m / dop_m, effects.vertical_m[available] / dop_m)
-            largest_m, *shape = _principal(quantities, effects, available)
+            largest_m, *shape = horizontal_errors(quantities, effects, available)
             return length_beyond(size_m / largest_m, *shape)
 
         (harmless, hazard), (_, exceeded) = tails(np.full_like(level_m, limit_m)), tails(level_m)

@@ -39,6 +39,8 @@ def joint_length_exceedance(
     ratio: ArrayLike,
     major: ArrayLike,
     minor: ArrayLike,
+    *,
+    above: bool = True,
 ) -> tuple[FloatArray, FloatArray]:
     """P(|(Z + major, ratio Z' + minor)| > slope sqrt(Y)), split into Y <= threshold and Y > threshold.
 
@@ -52,6 +54,7 @@ def joint_length_exceedance(
         slope: (...), positive.
         ratio: (...), the smaller standard deviation over the larger one, 0.001 to 1.
         major, minor: (...), means along both axes, in units of the larger standard deviation.
+        above: whether the second part is computed; it is zero otherwise, at half the cost.
 
     Returns:
         Two arrays (...), relative error below 1e-6 down to 1e-290.
@@ -62,7 +65,7 @@ def joint_length_exceedance(
     require_slope(slope)
     _require_axes(ratio, major, minor)
     return integrate_both_sides(
-        threshold, dof, noncentrality, _LengthTail, slope=slope, ratio=ratio, major=major, minor=minor
+        threshold, dof, noncentrality, _LengthTail, above=above, slope=slope, ratio=ratio, major=major, minor=minor
     )
 
 

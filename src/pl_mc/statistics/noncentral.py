@@ -180,11 +180,14 @@ def integrate_both_sides(
     dof: ArrayLike,
     noncentrality: ArrayLike,
     tail: Callable[..., Tail] | None = None,
+    *,
+    above: bool = True,
     **of_tail: ArrayLike,
 ) -> tuple[FloatArray, FloatArray]:
     """The integrals below and above the threshold, block by block over the flattened arguments.
 
-    ``tail`` is made of the arrays ``of_tail``; without one the density alone is integrated.
+    ``tail`` is made of the arrays ``of_tail``; without one the density alone is integrated. What is not asked for,
+    ``above``, is zero.
     """
     arrays = require_one_shape(threshold=threshold, dof=dof, noncentrality=noncentrality, **of_tail)
     _require_ranges(*arrays[:3])
@@ -205,9 +208,10 @@ def integrate_both_sides(
         log_integrand = _log_integrand(count, offset, error)
         for low, high in pairwise(edges):
             sides[0, block] += integrate(log_integrand, low, np.minimum(limit, high))
-            sides[1, block] += integrate(log_integrand, np.maximum(limit, low), high)
-    below, above = sides.reshape(2, *shape)
-    return below, above
+            if above:
+                sides[1, block] += integrate(log_integrand, np.maximum(limit, low), high)
+    first, second = sides.reshape(2, *shape)
+    return first, second
 
 
 def _log_integrand(

@@ -12,11 +12,12 @@ from pathlib import Path
 from typing import Annotated, Any, ClassVar, Literal
 
 import numpy as np
+import pandas as pd
 from numpy.typing import NDArray
 from pydantic import AfterValidator, BaseModel, ConfigDict, Field, ValidationInfo, field_validator, model_validator
 from pydantic_core import PydanticCustomError
 
-from pl_mc.alert import AXES, EITHER, OPERATIONS, VERTICAL, AlertLimits, Judged, as_alert, as_axes, as_limits
+from pl_mc.alert import AXES, EITHER, VERTICAL, AlertLimits, Judged, as_alert, as_axes, as_limits, is_operation
 from pl_mc.constants import MOST_SATELLITES
 from pl_mc.engine.checks import LARGEST_DRAWS, LARGEST_SEED
 from pl_mc.error_models import ErrorModel, error_model
@@ -258,9 +259,10 @@ class ByAxes(Experiment):
     def _of_the_limits(cls, given: Any, info: ValidationInfo) -> Any:
         named, alert = (given,) if isinstance(given, str) else given, info.data.get("alert")
         # Limits that are wrong themselves say so.
-        if named is not None and (isinstance(alert, GivenLimits) or alert in OPERATIONS):
+        own = isinstance(alert, GivenLimits)
+        if named is not None and alert is not None and (own or is_operation(alert)):
             try:
-                axes = as_axes(named, as_limits(alert if isinstance(alert, str) else alert.build()))
+                axes = as_axes(named, as_limits(alert.build() if own else alert))
             except InputError as error:
                 raise PydanticCustomError("axes", "{rule}", {"rule": str(error).removeprefix("axes: ")}) from None
             if len(axes) > cls.most_axes:
@@ -282,6 +284,36 @@ class ByAxes(Experiment):
     def asked_axes(self) -> tuple[str, ...] | None:
         """The field."""
         return self.axes
+
+
+class ByOneAxis(ByAxes):
+    """What a file says of a kind that judges by one axis at a time."""
+
+    most_axes: ClassVar[int] = 1
+
+    @property
+    def decides(self) -> Judged:
+        """The axis with its limits."""
+        (judged,) = self.judged()
+        return judged
+
+    def with_axis(self, table: pd.DataFrame, behind: str = "method") -> pd.DataFrame:
+        """The table with a column ``axis`` behind one of its columns, unless the vertical limit decides unasked."""
+        if "axis" in table or (self.decides.axis == VERTICAL and self.axes is None):
+            return table
+        table.insert(table.columns.get_loc(behind) + 1, "axis", self.decides.axis)
+        return table
+
+
+class ByOneLevel(ByOneAxis):
+    """What a file says of a kind that judges one error by one level, the vertical ones or the horizontal ones."""
+
+    takes_either: ClassVar[bool] = False
+
+    @property
+    def level_axis(self) -> Literal["vertical", "horizontal"]:
+        """The axis."""
+        return "vertical" if self.decides.axis == VERTICAL else "horizontal"
 
 
 def kind_of(experiment: Experiment) -> str:

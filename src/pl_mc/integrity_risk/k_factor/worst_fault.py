@@ -9,7 +9,7 @@ import numpy as np
 from pl_mc.alert import AlertLimits
 from pl_mc.faults import Faults
 from pl_mc.geometry.record import Geometry
-from pl_mc.integrity_risk.k_factor.calibrated import SMALLEST_FACTOR, exact_k_factor, exact_rates
+from pl_mc.integrity_risk.k_factor.calibrated import SMALLEST_FACTOR, LevelAxis, exact_k_factor, exact_rates
 from pl_mc.integrity_risk.k_factor.error_to_level_ratio import RatioState, ratio_state
 from pl_mc.integrity_risk.k_factor.from_curve import climb_ratios, mean_curve
 from pl_mc.integrity_risk.rare.limit_state import all_axes
@@ -25,18 +25,19 @@ _POPULATIONS = (2, 4)
 
 
 def neediest_fault(
-    g: Geometry, faults: Faults, *, method: Method, event: str, alert: AlertLimits, target: float, seed: int
-) -> int:
+    g: Geometry, faults: Faults, *, method: Method, event: str, alert: AlertLimits, target: float, seed: int,
+    axis: LevelAxis = "vertical",
+) -> int:  # fmt: skip
     """The fault of those given that needs the largest multiplier, at one epoch with redundancy.
 
     Exact for a method with an exact law. For others it is the one whose curve, with random numbers of its own, says
     so; what that multiplier is has to be asked afresh, so that the choice of the largest does not bias it.
     Arguments as for `pl_mc.calibrate`.
     """
-    require_k(method)
+    require_k(method, axis)
     if exact_law(method) is not None:
-        return _neediest_exactly(g, faults, method, event, alert, target)
-    states = [ratio_state(g, faults.only(k), method, event, alert) for k in range(len(faults))]
+        return _neediest_exactly(g, faults, method, event, alert, target, axis)
+    states = [ratio_state(g, faults.only(k), method, event, alert, axis) for k in range(len(faults))]
     rng = np.random.default_rng((seed, len(faults)))
     seen = states[0].in_view
     noise = rng.standard_normal((_DRAWS, int(seen.sum())))
@@ -56,15 +57,15 @@ def _k_factor(state: RatioState, target: float, size: int, populations: int, rng
 
 
 def _neediest_exactly(
-    g: Geometry, faults: Faults, method: Method, event: str, alert: AlertLimits, target: float
+    g: Geometry, faults: Faults, method: Method, event: str, alert: AlertLimits, target: float, axis: LevelAxis
 ) -> int:
     """The fault with the largest risk at a multiplier that keeps the target under every other one."""
     k, best = SMALLEST_FACTOR, 0
     while True:
-        rates = exact_rates(g, faults, method, alert, max(k, SMALLEST_FACTOR))[f"{event}_rate"].to_numpy()
+        rates = exact_rates(g, faults, method, alert, max(k, SMALLEST_FACTOR), axis)[f"{event}_rate"].to_numpy()
         worst = int(rates.argmax())
         if rates[worst] <= target * (1.0 + 1e-6):
             return best
         best = worst
-        found, _ = exact_k_factor(g.as_series(), faults.only(worst), method, event, alert, target)
+        found, _ = exact_k_factor(g.as_series(), faults.only(worst), method, event, alert, target, axis)
         k = found.k

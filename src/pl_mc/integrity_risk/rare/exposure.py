@@ -20,7 +20,7 @@ from jax import Array
 from numpy.typing import ArrayLike
 from scipy import stats
 
-from pl_mc.alert import LPV_200, AlertLimits
+from pl_mc.alert import LPV_200, VERTICAL, AlertLimits, as_axis, unjudged_note
 from pl_mc.arrays import ordinary_arithmetic
 from pl_mc.engine.calls import Chunk, run_calls
 from pl_mc.engine.checks import LARGEST_DRAWS, LARGEST_SEED, require_inputs, require_single
@@ -61,6 +61,7 @@ def exposure(
     interval_s: float = 1.0,
     methods: Sequence[str | Method] = ("ls", "igg3"),
     alert: str | AlertLimits = LPV_200,
+    axis: str | None = None,
     noise: str | NoiseModel = GAUSSIAN,
     precision: str = "float64",
     progress: bool | None = None,
@@ -81,14 +82,17 @@ def exposure(
         duration_s: length of an exposure [s].
         interval_s: between samples [s], a whole number of times in the duration.
         methods, alert, noise, precision: as for `pl_mc.sweep`.
+        axis: which limit decides, ``vertical``, ``horizontal`` or ``either``; the vertical one unless given, the
+            horizontal one where there is no other.
         progress: whether to show a progress bar; where standard error is a terminal unless given.
 
     Returns:
         One row per correlation time, fault, method and event of `pl_mc.kernels.events`: ``tau_s, fault, bias_m,
-        method, event``; ``exposures``, ``samples`` of each; ``exposures_with``, those with the event at least once,
-        and ``any_rate, any_low, any_high``, their share with 95 % Clopper-Pearson bounds; ``samples_with``,
-        ``sample_rate`` and ``sample_error``, the rate per sample with the standard error that exposures scatter by
-        (samples of one exposure are no independent ones); ``independent_rate``, 1 - (1 - sample_rate)^samples; and
+        method, event`` (and ``axis`` behind the method where one was given or the horizontal limit decides);
+        ``exposures``, ``samples`` of each; ``exposures_with``, those with the event at least once, and ``any_rate,
+        any_low, any_high``, their share with 95 % Clopper-Pearson bounds; ``samples_with``, ``sample_rate`` and
+        ``sample_error``, the rate per sample with the standard error that exposures scatter by (samples of one
+        exposure are no independent ones); ``independent_rate``, 1 - (1 - sample_rate)^samples; and
         ``effective_samples``, log(1 - any_rate) / log(1 - sample_rate), the number of independent samples with the
         same share of exposures, with ``effective_low, effective_high`` (95 %, delta method on its logarithm;
         from ten exposures with the event on); NaN
@@ -98,7 +102,8 @@ def exposure(
         InputError: a series of epochs, options outside their range, or a duration that is no multiple of the
             interval.
     """
-    alert = require_inputs(g, faults, alert)
+    alert = require_inputs(g, faults, alert, any_axis=True)
+    judged = as_axis(axis, alert)
     require_single(g, "an exposure")
     draws = require_whole(draws, field="draws", low=1, high=LARGEST_DRAWS)
     seed = require_whole(seed, field="seed", low=0, high=LARGEST_SEED)
@@ -112,7 +117,7 @@ def exposure(
         return _block_sums(
             jax.tree.map(lambda part: part[0], plan.batch(chunk, dtype)), np.uint32(seed), *blocks,
             jnp.asarray(GaussMarkov(tau_s).correlation(interval_s), dtype),
-            limits_of(alert, dtype), as_trees(chosen), noise_model=model, samples=samples,
+            limits_of(alert, dtype), as_trees(chosen), noise_model=model, samples=samples, axis=judged,
         )  # fmt: skip
 
     sums = np.zeros((len(taus), 3, len(faults), len(chosen), len(EVENTS)))
@@ -123,15 +128,18 @@ def exposure(
                 advance()
     # Faults stand in the plan's order, which for one epoch is theirs.
     of_fault = list(zip(faults.labels, faults.scalar_bias_m.tolist(), strict=True))
-    names = ("tau_s", "fault", "bias_m", "method", "event")
+    named = () if axis is None and judged == VERTICAL else (judged,)
+    names = ("tau_s", "fault", "bias_m", "method", *(["axis"] if named else []), "event")
     rows = []
     for (place, tau), (f, fault), (m, method), (kind, event) in product(
         enumerate(taus), enumerate(of_fault), enumerate(chosen), enumerate(EVENTS)
     ):
-        keys = dict(zip(names, (tau, *fault, method.name, event.name), strict=True))
+        keys = dict(zip(names, (tau, *fault, method.name, *named, event.name), strict=True))
         seen, total, squares = sums[place, :, f, m, kind].tolist()
         rows.append(keys | _columns(seen, total, squares, draws, samples))
-    return pd.DataFrame(rows)
+    table = pd.DataFrame(rows)
+    table.attrs["unjudged"] = unjudged_note(alert, (judged,))
+    return table
 
 
 def samples_of(duration_s: float, interval_s: float) -> int:
@@ -153,10 +161,11 @@ def _taus(tau_s: ArrayLike) -> list[float]:
     return [GaussMarkov(float(value)).tau_s for value in values]
 
 
-@functools.partial(jax.jit, static_argnames=("noise_model", "samples"))
+@functools.partial(jax.jit, static_argnames=("noise_model", "samples", "axis"))
 def _block_sums(
     one: EpochBatch, seed: Array, block: Array, full_blocks: Array, remainder: Array, correlation: Array,
     limits_m: Array, methods: Trees, *, noise_model: NoiseModel, samples: int,
+    axis: str,
 ) -> Array:  # fmt: skip
     """(3, f, methods, events), over the exposures of a block.
 
@@ -173,7 +182,7 @@ def _block_sums(
         return jnp.stack([jax.random.normal(one, (rows, LANES), dtype) for one in keys])
 
     def count(outcomes: list[Outcome]) -> Array:
-        return jnp.stack([events(outcome, limits_m) for outcome in outcomes])
+        return jnp.stack([events(outcome, limits_m, axis) for outcome in outcomes])
 
     def one_sample(carry: tuple[Array, Array], time: Array) -> tuple[tuple[Array, Array], None]:
         units, counts = carry

@@ -138,8 +138,8 @@ def weighted_noise(
     """
     proposals, spent = [], 0
     for k, bias in enumerate(problem.bias_m):
-        seen = np.ones(len(problem.sigma_m), dtype=bool)
-        turned = before[k].coordinates if before else rotation(problem.design, problem.sigma_m, seen, bias)
+        seen, sky = np.ones(len(problem.sigma_m), dtype=bool), (problem.design, problem.sigma_m)
+        turned = before[k].coordinates if before else rotation(*sky, seen, bias, problem.axis)
         parts = list(before[k].parts) if before else []
         commons = list(before[k].commons) if before else []
         for limits in places:

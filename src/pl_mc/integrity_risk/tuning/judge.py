@@ -14,14 +14,14 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy import stats
 
-from pl_mc.alert import AlertLimits
+from pl_mc.alert import VERTICAL, AlertLimits
 from pl_mc.arrays import FloatArray
 from pl_mc.faults import Faults
 from pl_mc.geometry.record import Geometry
 from pl_mc.integrity_risk.k_factor.calibrated import COUNTING, NO_CHECK, RARE, order_bounds
 from pl_mc.integrity_risk.k_factor.error_to_level_ratio import EXCEEDED, MISLEADING, ratio_state
 from pl_mc.integrity_risk.k_factor.from_curve import from_curve
-from pl_mc.integrity_risk.tuning.objective import ALARMS, VPL, Draws, TuningProblem, cost, weighted_quantile
+from pl_mc.integrity_risk.tuning.objective import ALARMS, Draws, TuningProblem, cost, weighted_quantile
 from pl_mc.methods import Igg3
 from pl_mc.statistics.intervals import clopper_pearson, rate_columns
 
@@ -93,18 +93,20 @@ def estimated_limits(
     k0, k1 = (float(value) for value in limits)
     method = replace(record, k0=k0, k1=k1)
     event = MISLEADING if problem.misleading else EXCEEDED
+    # The vertical is not named: it has had these random numbers all along.
+    named = () if problem.axis == VERTICAL else (problem.axis,)
     found = [
         from_curve(
-            ratio_state(g, faults.only(k), method, event, alert), target=problem.target, confidence=confidence,
-            key=(seed, int(g.epoch)), name="/".join(("tuned", method.name, event, label)), target_cov=target_cov,
-            most_evaluations=max_evaluations,
+            ratio_state(g, faults.only(k), method, event, alert, problem.axis), target=problem.target,
+            confidence=confidence, key=(seed, int(g.epoch)), target_cov=target_cov, most_evaluations=max_evaluations,
+            name="/".join(("tuned", method.name, event, label, *named)),
         )
         for k, label in enumerate(faults.labels)
     ]  # fmt: skip
     rows = [one.found for one in found]
     notes = [f"{label}: {row.warning}" for label, row in zip(faults.labels, rows, strict=True) if row.warning]
     if not np.isfinite([(row.k, row.high) for row in rows]).all():
-        return unknown_limits("; ".join(notes) or "no multiplier is known", draws=len(fresh))
+        return unknown_limits(problem, "; ".join(notes) or "no multiplier is known", draws=len(fresh))
     worst = int(np.argmax([row.high for row in rows]))
     row, k = rows[worst], rows[worst].high
     unit = replace(problem, bias_m=np.zeros((1, len(problem.sigma_m)))).draws(limits, fresh).log_unit_m
@@ -120,10 +122,10 @@ def estimated_limits(
     return Judged(price(problem, k, unit), resampled, columns, "; ".join(notes))
 
 
-def unknown_limits(reason: str, draws: int = 0) -> Judged:
+def unknown_limits(problem: TuningProblem, reason: str, draws: int = 0) -> Judged:
     """Limits of which nothing is said but why, and of how many fault-free draws."""
-    columns: dict[str, Any] = dict.fromkeys(("k_vertical", "k_best", "k_low"), np.nan) | {"found": RARE}
-    columns |= dict.fromkeys(("vpl_m", "alarm_rate", "alarm_low", "alarm_high"), np.nan) | {"alarms": 0}
+    columns: dict[str, Any] = dict.fromkeys((f"k_{problem.axis}", "k_best", "k_low"), np.nan) | {"found": RARE}
+    columns |= dict.fromkeys((f"{problem.level}_m", "alarm_rate", "alarm_low", "alarm_high"), np.nan) | {"alarms": 0}
     columns |= {"draws": draws, "risk": np.nan, "risk_low": 0.0, "risk_high": 1.0, "risk_fault": ""} | NO_CHECK
     return Judged(np.nan, np.full(SAMPLES, np.nan), columns, reason)
 
@@ -145,7 +147,7 @@ def ranked(log_ratio: FloatArray, rank: int) -> float:
 
 def price(problem: TuningProblem, k: float, log_unit_m: FloatArray, weight: NDArray[np.uint8] | None = None) -> float:
     """The objective as it is: the mean over draws that have one."""
-    each = cost(problem.objective, k, log_unit_m, problem.vertical_m)
+    each = cost(problem.objective, k, log_unit_m, problem.limit_m)
     known = ~np.isnan(each)
     return float(np.average(each[known], weights=None if weight is None else weight[known]))
 
@@ -155,12 +157,12 @@ def _columns(
     risk: tuple[float, float, float], fault: str,
 ) -> dict[str, Any]:  # fmt: skip
     """Multipliers, then mean level and alarms, fault-free, whichever of them is the objective, and the risk."""
-    alarms = int(cost(ALARMS, k[0], log_unit_m, problem.vertical_m).sum())
+    alarms = int(cost(ALARMS, k[0], log_unit_m, problem.limit_m).sum())
     low, high = clopper_pearson(alarms, len(log_unit_m), confidence)
     return {
-        **dict(zip(("k_vertical", "k_best", "k_low"), k, strict=True)),
+        **dict(zip((f"k_{problem.axis}", "k_best", "k_low"), k, strict=True)),
         "found": found,
-        "vpl_m": float(np.nanmean(cost(VPL, k[0], log_unit_m, problem.vertical_m))),
+        f"{problem.level}_m": float(np.nanmean(cost(problem.level, k[0], log_unit_m, problem.limit_m))),
         "alarms": alarms,
         "draws": len(log_unit_m),
         **rate_columns("alarm", alarms / len(log_unit_m), float(low), float(high)),

@@ -15,6 +15,7 @@ descents by derivatives over 32,768 draws one stayed where it began, a third abo
 
 from __future__ import annotations
 
+import functools
 from dataclasses import dataclass, replace
 from typing import Any
 
@@ -24,18 +25,21 @@ import numpy as np
 from jax import Array
 from scipy import optimize, special
 
+from pl_mc.alert import HORIZONTAL, VERTICAL
 from pl_mc.arrays import FloatArray
 from pl_mc.integrity_risk.k_factor.error_to_level_ratio import ratio_of
 from pl_mc.kernels import linear_model, start_from
+from pl_mc.kernels.events import levels_of
 from pl_mc.methods import Igg3
 from pl_mc.runtime.precision import precision_scope
 
-# Design (n, t) [m/m], sigma (n,) [m], bias (n,) [m], whitened noise (N, n), vertical alert limit [m], whether the
+# Design (n, t) [m/m], sigma (n,) [m], bias (n,) [m], whitened noise (N, n), alert limit [m], whether the
 # event is the misleading one.
 Scenario = tuple[Array, Array, Array, Array, Array, Array]
 
-VPL, ALARMS = "vpl", "alarms"
-OBJECTIVES = (VPL, ALARMS)
+# The mean level of an axis, or the share of alarms.
+LEVEL = {VERTICAL: "vpl", HORIZONTAL: "hpl"}
+ALARMS = "alarms"
 
 # Scenarios per tile of a call, and per call, which is always whole: one compilation serves any number.
 _TILE, _CALL = 512, 4096
@@ -84,9 +88,10 @@ class TuningProblem:
         method: the estimate; its limits and its multiplier are of no account.
         target: probability of the event.
         misleading: whether the event is misleading information, else an error beyond the level.
-        objective: ``vpl`` or ``alarms``, both fault-free.
-        vertical_m: vertical alert limit [m].
+        objective: ``vpl`` (``hpl``) or ``alarms``, both fault-free.
+        limit_m: alert limit of the axis [m].
         step: h, width of the logistic steps, in the logarithm of ratio and level.
+        axis: whose error, level and limit they are.
     """
 
     design: FloatArray
@@ -96,8 +101,14 @@ class TuningProblem:
     target: float
     misleading: bool
     objective: str
-    vertical_m: float
+    limit_m: float
     step: float
+    axis: str = VERTICAL
+
+    @property
+    def level(self) -> str:
+        """``vpl``, which columns of its level are called by."""
+        return LEVEL[self.axis]
 
     def draws(self, limits: FloatArray, noise: FloatArray | WeightedNoise) -> Draws:
         """Ratios and levels of whitened noise (N, n), or of weighted draws, with limits (k0, k1)."""
@@ -125,10 +136,10 @@ class TuningProblem:
                 whole = np.zeros((_CALL, noise.shape[1]))
                 whole[: len(some)] = some
                 scenario = (
-                    self.design, self.sigma_m, bias_m, whole, np.float64(self.vertical_m),
+                    self.design, self.sigma_m, bias_m, whole, np.float64(self.limit_m),
                     np.bool_(self.misleading),
                 )  # fmt: skip
-                values = _values(limits, scenario, self.method)
+                values = _values(limits, scenario, self.method, axis=self.axis)
                 found[:, begin : begin + len(some)] = np.asarray(values)[:, : len(some)]
         return found
 
@@ -138,9 +149,9 @@ class TuningProblem:
         log_k = self._binding(drawn)[1]
         finite = np.isfinite(drawn.log_unit_m)
         unit = drawn.log_unit_m[finite]
-        if self.objective == VPL:
+        if self.objective != ALARMS:
             return log_k + float(unit.max() + np.log(np.exp(unit - unit.max()).mean())), float(np.exp(log_k))
-        place = (log_k + unit - np.log(self.vertical_m)) / self.step
+        place = (log_k + unit - np.log(self.limit_m)) / self.step
         rate = (special.expit(place).sum() + (~finite).sum()) / finite.size
         return float(np.log(max(rate, 1e-300))), float(np.exp(log_k))
 
@@ -191,39 +202,38 @@ def weighted_quantile(values: FloatArray, weight: FloatArray, target: float) -> 
     return float(values[order[min(place, len(values) - 1)]])
 
 
-def cost(objective: str, k: float, log_unit_m: FloatArray, vertical_m: float) -> FloatArray:
+def cost(objective: str, k: float, log_unit_m: FloatArray, limit_m: float) -> FloatArray:
     """(N,), the objective of each draw as it is, not smoothed: its mean is what counts.
 
     The level [m] where there is a solution, missing elsewhere; or whether it alarms.
     """
     level = k * np.exp(log_unit_m)
-    if objective == VPL:
+    if objective != ALARMS:
         return np.where(np.isfinite(level), level, np.nan)
-    return (level > vertical_m).astype(float)
+    return (level > limit_m).astype(float)
 
 
-@jax.jit
-def _values(limits: Array, scenario: Scenario, method: Igg3) -> Array:
+@functools.partial(jax.jit, static_argnames="axis")
+def _values(limits: Array, scenario: Scenario, method: Igg3, *, axis: str) -> Array:
     """(2, N), logarithms of the ratio and of the level for a multiplier of one."""
-    design, sigma_m, bias_m, noise, vertical_m, misleading = scenario
+    design, sigma_m, bias_m, noise, limit_m, misleading = scenario
     model = linear_model(design, sigma_m)
-    numbers: dict[str, Any] = {"k0": limits[0], "k1": limits[1], "k_vertical": 1.0}
+    numbers: dict[str, Any] = {"k0": limits[0], "k1": limits[1], f"k_{axis}": 1.0}
     limited = replace(method, **numbers)
     prepared = limited.prepare(model)
 
     def one_tile(tile: Array) -> Array:
         start = start_from(model, tile.T * sigma_m[:, None] + bias_m[:, None])
         outcome = limited.solve(model, prepared, start)
-        ratio = ratio_of(outcome, vertical_m, misleading)
+        ratio = ratio_of(outcome, limit_m, misleading, axis)
         event = (ratio > 0) & jnp.isfinite(ratio)
-        level = outcome.available & (outcome.vpl_m > 0)
+        (level_m,) = levels_of(outcome, axis)
+        level = outcome.available & (level_m > 0)
         return jnp.stack(
             [
                 jnp.where(event, jnp.log(jnp.where(event, ratio, 1.0)), jnp.where(ratio > 0, -NO_EVENT, NO_EVENT)),
                 jnp.where(
-                    level,
-                    jnp.log(jnp.where(level, outcome.vpl_m, 1.0)),
-                    jnp.where(outcome.available, NO_EVENT, jnp.inf),
+                    level, jnp.log(jnp.where(level, level_m, 1.0)), jnp.where(outcome.available, NO_EVENT, jnp.inf)
                 ),
             ]
         )

@@ -19,7 +19,7 @@ import pandas as pd
 from numpy.typing import NDArray
 from scipy import optimize
 
-from pl_mc.alert import LPV_200, AlertLimits
+from pl_mc.alert import EITHER, HORIZONTAL, LPV_200, VERTICAL, AlertLimits, as_axis, unjudged_note
 from pl_mc.arrays import FloatArray, ordinary_arithmetic
 from pl_mc.engine.checks import LARGEST_DRAWS, LARGEST_SEED, require_geometry_and_alert, require_inputs, require_single
 from pl_mc.faults import Faults, no_fault
@@ -46,11 +46,12 @@ from pl_mc.integrity_risk.tuning.judge import (
     price,
     unknown_limits,
 )
-from pl_mc.integrity_risk.tuning.objective import OBJECTIVES, TuningProblem, WeightedNoise
+from pl_mc.integrity_risk.tuning.objective import ALARMS, LEVEL, TuningProblem, WeightedNoise
 from pl_mc.methods import Igg3, Method, as_methods
+from pl_mc.methods.capabilities import with_k
 from pl_mc.statistics.least_squares import ls_quantities
 
-PARAMETERS = ("k0", "k1", "k_vertical")
+PARAMETERS = ("k0", "k1")
 START, TUNED, GRID = "start", "tuned", "grid"
 
 # Where k0 and k1 - k0 may go, in the search and on the grid.
@@ -70,12 +71,13 @@ def tune(
     g: Geometry,
     *,
     method: str | Method = "igg3",
-    parameters: Sequence[str] = PARAMETERS,
+    parameters: Sequence[str] | None = None,
     target: float = 1e-4,
-    objective: Literal["vpl", "alarms"] = "vpl",
+    objective: Literal["vpl", "hpl", "alarms"] | None = None,
     event: Literal["exceeded", "misleading"] = "misleading",
     faults: Faults | None = None,
     alert: str | AlertLimits = LPV_200,
+    axis: Literal["vertical", "horizontal"] | None = None,
     draws: int = 400_000,
     confidence: float = 0.95,
     seed: int = 0,
@@ -95,13 +97,16 @@ def tune(
     Args:
         g: one epoch.
         method: IGG-III by name or record; its limits are where the search starts, its other options stay.
-        parameters: what may change, of ``k0``, ``k1`` and ``k_vertical``. The multiplier follows from the target
-            whether it is named or not.
+        parameters: what may change, of ``k0``, ``k1`` and ``k_vertical`` (``k_horizontal``); all of them unless given.
+            The multiplier follows from the target whether it is named or not.
         target: probability of the event per sample that is kept under each fault.
-        objective: ``vpl``, mean VPL_R [m] where there is a solution, or ``alarms``, share of alarms; fault-free.
+        objective: ``vpl``, mean VPL_R [m] where there is a solution (horizontally ``hpl``, mean HPL_R), or ``alarms``,
+            share of alarms; fault-free. The mean level unless given.
         event: ``misleading``, |vertical error| > VPL and no alarm, or ``exceeded``, alarm or not.
         faults: the faults; the fault-free case unless given.
-        alert: alert limits; the vertical one decides on alarms.
+        alert: alert limits; that of the axis decides on alarms.
+        axis: whose error and level it is, ``vertical``, or ``horizontal`` for HPL, HAL and the length of the horizontal
+            error; the vertical one unless given, the horizontal one where the alert has no other limit.
         draws: of the search, and of either fresh set, for each fault; of a rare target those that judge the price.
         confidence: with which the multiplier keeps the target, and of the interval of the risk.
         seed: chooses the noise, 0 to 2^32 - 1.
@@ -113,32 +118,40 @@ def tune(
         target_cov, max_evaluations: of the curves that judge a rare target, see `pl_mc.calibrate`.
 
     Returns:
-        Rows ``start``, ``tuned`` and ``grid`` (column ``limits``) with ``k0, k1``; ``k_vertical``, the multiplier
-        that keeps the target with the confidence on fresh noise, and ``k_best, k_low``, the best value and one that
-        with the confidence does not; ``objective`` there and ``objective_error``, its standard error, the
+        Rows ``start``, ``tuned`` and ``grid`` (column ``limits``) with ``k0, k1``; ``k_vertical`` or ``k_horizontal``,
+        the multiplier that keeps the target with the confidence on fresh noise, and ``k_best, k_low``, the best value
+        and one that with the confidence does not; ``objective`` there and ``objective_error``, its standard error, the
         multiplier's among it; ``change`` from the start and ``change_error``, of the same draws; ``found``
-        (``counting`` or ``rare events``); ``vpl_m``, mean level [m], and ``alarms`` of ``draws`` with ``alarm_rate,
-        alarm_low, alarm_high``, all fault-free at ``k_vertical``; ``risk, risk_low, risk_high``: share of the event
-        there in a third set of draws, under the fault with the largest (``risk_fault``), with its interval
+        (``counting`` or ``rare events``); ``vpl_m`` (or ``hpl_m``), mean level [m], and ``alarms`` of ``draws`` with
+        ``alarm_rate, alarm_low, alarm_high``, all fault-free at that multiplier; ``risk, risk_low, risk_high``: share
+        of the event there in a third set of draws, under the fault with the largest (``risk_fault``), with its interval
         (two-sided, for that fault alone), of a rare target the curve's; ``check_probability, check_low,
         check_high``: of a rare target what importance sampling finds at that fault's best multiplier;
         ``evaluations``, scenarios that finding the limits took; ``warning``. Where
         two estimates of a rare target disagree, or the weights of the search degenerate, there is a warning and no
-        number. ``table.attrs["method"]`` is the tuned record with its multiplier, or None without one.
+        number. Where an axis was given or the horizontal limit decides it stands in a column ``axis`` behind
+        ``limits``. ``table.attrs["method"]`` is the tuned record with its multiplier, or None without one.
 
     Raises:
         InputError: a series of epochs, an epoch without redundancy, a method that is not IGG-III, options outside
             their range.
     """
-    alert = require_geometry_and_alert(g, alert)
+    alert = require_geometry_and_alert(g, alert, any_axis=True)
+    decides = as_axis(axis, alert)
+    if decides == EITHER:
+        raise InputError(f"axis: one error and one level are tuned; choose {VERTICAL} or {HORIZONTAL}.")
+    multiplier = f"k_{decides}"
     require_single(g, "tuning")
     faults = no_fault(g) if faults is None else faults
-    alert = require_inputs(g, faults, alert)
-    require_choice(objective, OBJECTIVES, field="objective")
+    require_inputs(g, faults, alert, any_axis=True)
+    level = LEVEL[decides]
+    aim = require_choice(level if objective is None else objective, (level, ALARMS), field="objective")
     require_choice(event, EVENTS, field="event")
+    known = (*PARAMETERS, multiplier)
+    parameters = known if parameters is None else parameters
     named = [parameters] if isinstance(parameters, str) else require_list(parameters, field="parameters", of="names")
     for name in named:
-        require_choice(name, PARAMETERS, field="parameters")
+        require_choice(name, known, field="parameters")
     require_within(target, field="target", low=1e-15, high=0.999)
     require_fraction(confidence, field="confidence")
     require_positive(smoothing, field="smoothing")
@@ -166,9 +179,10 @@ def tune(
         method=record,
         target=target,
         misleading=event == MISLEADING,
-        objective=objective,
-        vertical_m=alert.val_m,
+        objective=aim,
+        limit_m=alert.limit_m[decides],
         step=smoothing,
+        axis=decides,
     )
     noises = [np.random.default_rng(s) for s in np.random.SeedSequence(seed).spawn(4)]
     search, fresh, last = (rng.standard_normal((draws, len(g.names))) for rng in noises[:3])
@@ -197,29 +211,32 @@ def tune(
     def beside(limits: FloatArray) -> Judged:
         return first if (limits == start).all() else judged(limits)
 
-    rows = [_row(START, start, first, 0, "", first=first)]
+    rows = [_row(START, start, first, 0, "", first=first, multiplier=multiplier)]
     doubt = f"the weighted draws of the search degenerate: {effective:.0f} effective ones are behind the risk"
-    found = unknown_limits(doubt) if effective < _LEAST_EFFECTIVE else beside(tuned)
-    rows.append(_row(TUNED, tuned, found, evaluations, note, first=first))
+    found = unknown_limits(problem, doubt) if effective < _LEAST_EFFECTIVE else beside(tuned)
+    rows.append(_row(TUNED, tuned, found, evaluations, note, first=first, multiplier=multiplier))
     if grid:
         best, looked = _best_of_grid(problem, room, seen, grid, confidence)
-        rows.append(_row(GRID, best, beside(best), looked, "", first=first))
+        rows.append(_row(GRID, best, beside(best), looked, "", first=first, multiplier=multiplier))
     table = pd.DataFrame(rows)
     k0, k1 = (float(value) for value in tuned)
-    k = float(table["k_vertical"].iloc[1])
-    table.attrs["method"] = replace(record, k0=k0, k1=k1, k_vertical=k) if k > 0 else None
+    k = float(table[multiplier].iloc[1])
+    table.attrs["method"] = with_k(replace(record, k0=k0, k1=k1), k, decides) if k > 0 else None
+    table.attrs["unjudged"] = unjudged_note(alert, (decides,))
+    if axis is not None or decides != VERTICAL:
+        table.insert(1, "axis", decides)
     return table
 
 
 def _row(
-    name: str, limits: FloatArray, judged: Judged, evaluations: int, note: str, *, first: Judged
+    name: str, limits: FloatArray, judged: Judged, evaluations: int, note: str, *, first: Judged, multiplier: str
 ) -> dict[str, Any]:
     change = judged.resampled - first.resampled
     return {
         "limits": name,
         "k0": limits[0],
         "k1": limits[1],
-        "k_vertical": judged.columns["k_vertical"],
+        multiplier: judged.columns[multiplier],
         "objective": judged.objective,
         "objective_error": float(judged.resampled.std(ddof=1)),
         "change": judged.objective - first.objective,

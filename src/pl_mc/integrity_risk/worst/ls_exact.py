@@ -278,15 +278,19 @@ def require_event(event: str) -> str:
     return require_choice(event, EVENTS, field="event")
 
 
-def law_with(alarm: str, method: Method, *, estimated: bool, axis: str = VERTICAL) -> LeastSquaresLaw | None:
-    """The exact law of a method; None where it has none, or estimates take its place, as they do horizontally.
+def law_with(
+    alarm: str, method: Method, *, estimated: bool, axis: str = VERTICAL, single: bool = False
+) -> LeastSquaresLaw | None:
+    """The exact law of a method; None where it has none, or estimates take its place.
+
+    They do so horizontally unless ``single`` satellites fail, and where either limit decides.
 
     Raises:
         InputError: another alarm than that of the level, which only an exact law can have.
     """
     if axis != VERTICAL and alarm != PL_ALARM:
-        raise InputError(f"alarm: {alarm!r} is for exact worst cases, which are vertical; take {PL_ALARM!r}.")
-    estimated = estimated or axis != VERTICAL
+        raise InputError(f"alarm: {alarm!r} is for exact worst cases of the vertical error; take {PL_ALARM!r}.")
+    estimated = estimated or axis not in ((VERTICAL, HORIZONTAL) if single else (VERTICAL,))
     found = None if estimated else exact_law(method)
     # Of a level that no residual changes worst cases have no closed form here.
     law = found if isinstance(found, LeastSquaresLaw) else None

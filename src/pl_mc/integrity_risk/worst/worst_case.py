@@ -36,6 +36,7 @@ from pl_mc.integrity_risk.worst.ls_exact import (
     upper_bound,
     worst_direction,
 )
+from pl_mc.integrity_risk.worst.ls_horizontal import horizontal_table
 from pl_mc.integrity_risk.worst.pairs import Screen, screened_table
 from pl_mc.integrity_risk.worst.search import (
     GRID_M,
@@ -74,18 +75,19 @@ def worst_case(
 ) -> pd.DataFrame:
     """The fault of each satellite (or pair) that makes a missed or misleading event likeliest, the worst first.
 
-    For a method with an exact law, such as least squares, all vertical numbers are exact. The noise has the sigma of
-    the geometry. A fault and its negative are equally bad; the one with a positive bias on the first satellite is
-    given.
+    For a method with an exact law, such as least squares, all vertical numbers are exact, and horizontally those of
+    one satellite at a time. The noise has the sigma of the geometry. A fault and its negative are equally bad; the one
+    with a positive bias on the first satellite is given.
 
-    For other methods, and for all of them on another axis, the noise is Gaussian too. One satellite at a time:
-    populations of subset simulation at 18 sizes from 1 to 150 m on every satellite find the event, and importance
-    sampling from what all of them found gives, from one sample, the curve of its probability over all sizes on a
-    satellite, whether it is 1e-2 or 1e-20. Sizes that a sample cannot tell are sampled again. About the best size of
-    the ``refine`` worst satellites a finer curve follows, and there a last estimate by `pl_mc.risk` with ``target_cov``
-    and noise of its own, so that choosing the largest does not bias it. Nothing bounds what was passed over: parts of
-    the event that no population met, narrow peaks between the sizes, sizes beyond 150 m. All satellites take about two
-    minutes of one core; a list in ``satellites`` shortens it, but fewer populations find less.
+    For other methods, and for all of them where either limit decides or pairs fail horizontally, numbers are estimates;
+    the noise is Gaussian too. One satellite at a time: populations of subset simulation at 18 sizes from 1 to 150 m on
+    every satellite find the event, and importance sampling from what all of them found gives, from one sample, the
+    curve of its probability over all sizes on a satellite, whether it is 1e-2 or 1e-20. Sizes that a sample cannot tell
+    are sampled again. About the best size of the ``refine`` worst satellites a finer curve follows, and there a last
+    estimate by `pl_mc.risk` with ``target_cov`` and noise of its own, so that choosing the largest does not bias it.
+    Nothing bounds what was passed over: parts of the event that no population met, narrow peaks between the sizes,
+    sizes beyond 150 m. All satellites take about two minutes of one core; a list in ``satellites`` shortens it, but
+    fewer populations find less.
 
     Pairs of such a method are screened first: 42 faults of each pair (seven sizes, both relative signs, three
     ratios, and the direction that is worst for least squares) by the limit state of 1024 draws, the same for all;
@@ -120,15 +122,16 @@ def worst_case(
         standard_error, low, high`` (95 %), and for comparison the largest probability on the usual grid of 5, 10, ...,
         100 m (for pairs both sizes on the grid, with either relative sign): ``grid_bias_m`` (or ``grid_bias_1_m,
         grid_bias_2_m``) and ``grid_probability``. For least squares also ``vertical_m``, mean vertical error under the
-        fault [m], ``noncentrality`` of V'PV, and ``alarm_rate``. For other methods also ``refined`` and ``warning``;
-        the grid is what the search has of it, at the search's accuracy, and so are the numbers of satellites that are
-        not refined. Of single satellites also ``subset_probability, subset_standard_error``, what the second estimator
-        of `pl_mc.risk` found. A bias is infinite where no residual shows the fault, and missing where the probability
-        is zero: at an epoch without redundancy, which always alarms, or below about 1e-290. Of screened pairs there is
-        no grid; ``stage`` says how far each came (``screened, shortlisted, refined``), ``rough`` is what the screening
-        makes of its probability, without an error, and only a refined pair has a ``probability``. The interval of the
-        others is that of the event's count among the draws of the screening, for their worst fault there.
-        ``table.attrs["evaluations"]`` is the number of scenarios at each stage, summed over the epochs.
+        fault [m] (or ``horizontal_m``, the length of the horizontal one), ``noncentrality`` of V'PV, and
+        ``alarm_rate``. For other methods also ``refined`` and ``warning``; the grid is what the search has of it, at
+        the search's accuracy, and so are the numbers of satellites that are not refined. Of single satellites also
+        ``subset_probability, subset_standard_error``, what the second estimator of `pl_mc.risk` found. A bias is
+        infinite where no residual shows the fault, and missing where the probability is zero: at an epoch without
+        redundancy, which always alarms, or below about 1e-290. Of screened pairs there is no grid; ``stage`` says how
+        far each came (``screened, shortlisted, refined``), ``rough`` is what the screening makes of its probability,
+        without an error, and only a refined pair has a ``probability``. The interval of the others is that of the
+        event's count among the draws of the screening, for their worst fault there. ``table.attrs["evaluations"]`` is
+        the number of scenarios at each stage, summed over the epochs.
 
     Raises:
         InputError: unknown names, options outside their range, ``chi2`` for a method without an exact law.
@@ -137,7 +140,9 @@ def worst_case(
     judged = as_axis(axis, alert)
     require_event(event)
     (chosen,) = as_methods([method], g)
-    law = law_with(alarm, chosen, estimated=estimator is not None, axis=judged)
+    groups_of = [satellite_groups(one, satellites, g.names) for one in g.as_series()]
+    single = all(len(group) == 1 for groups in groups_of for group in groups)
+    law = law_with(alarm, chosen, estimated=estimator is not None, axis=judged, single=single)
     refine = require_whole(refine, field="refine", low=1)
     seed = require_whole(seed, field="seed", low=0, high=LARGEST_SEED)
     require_within(target_cov, field="target_cov", low=1e-3, high=1.0)
@@ -147,11 +152,12 @@ def worst_case(
         require_bounded(g, chosen)
     parts: list[pd.DataFrame] = []
     spent: dict[str, int] = {}
-    for one in g.as_series():
-        groups = satellite_groups(one, satellites, g.names)
+    for one, groups in zip(g.as_series(), groups_of, strict=True):
         epochs = ls_epochs(one, law or LeastSquaresLaw(), judged, alarm=alarm, p_fa=p_fa, alert=alert)
         epoch = epochs[0]
-        if law:
+        if law and judged != VERTICAL:
+            table = horizontal_table(one, law, alert, event, groups)
+        elif law:
             table = _exact_table(one, epoch, event, groups)
         else:
             estimate: Estimator = no_events

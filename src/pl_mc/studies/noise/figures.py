@@ -13,9 +13,9 @@ from matplotlib.ticker import NullFormatter
 
 from pl_mc.report.figures import DASHED, bar_lengths, legend_key, method_label, new_figure, note, series_style
 from pl_mc.report.findings import picture
-from pl_mc.studies.spec import Experiment
+from pl_mc.studies.spec import ByOneAxis
 
-_HEADINGS = {"alarm": "P(alarm), VAL {limit:g} m", "misleading": "P(misleading)"}
+_HEADINGS = {"alarm": "P(alarm), {limits}", "misleading": "P(misleading)"}
 _MOST_COLUMNS = 3
 _DOTS = (0, (1, 1.5))
 
@@ -31,11 +31,11 @@ def assumed_share(rows: pd.DataFrame, assumed: int) -> float:
     The rate is pooled over all exposures of the rows, whose marginals are the same.
     """
     rate = rows.samples_with.sum() / (rows.exposures * rows.samples).sum()
-    return -float(np.expm1(assumed * np.log1p(-rate)))
+    return -float(np.expm1(assumed * np.log1p(-rate))) if rate < 1.0 else 1.0
 
 
 @picture("noise_models", "Rates of events under each model of the noise, beside Gaussian noise.")
-def noise_figure(factors: pd.DataFrame, experiment: Experiment) -> Figure:
+def noise_figure(factors: pd.DataFrame, experiment: ByOneAxis) -> Figure:
     """Rates of alarms and misleading information, a line per noise model, panels per event and first three faults.
 
     An open triangle is the 95 % upper bound of what was never seen. A thin vertical line is the rate under Gaussian
@@ -47,13 +47,13 @@ def noise_figure(factors: pd.DataFrame, experiment: Experiment) -> Figure:
         len(_HEADINGS), len(faults), width_in=3.2 * len(faults) + 3.4,
         height_in=len(_HEADINGS) * (0.9 + 0.42 * len(noises)) + 0.9, title=experiment.title, sharey=True,
     )  # fmt: skip
-    val_m = experiment.alert_limits().vertical_m
+    judged = experiment.decides
     for row, (event, heading) in enumerate(_HEADINGS.items()):
         for panel, fault in zip(axes[row * len(faults) :], faults, strict=False):
             here = factors[(factors.event == event) & (factors.fault == fault)]
             for number, method in enumerate(methods):
                 _draw(panel, here[here.method == method], number, len(methods))
-            panel.set_title(f"{fault_words(fault)}: {heading.format(limit=val_m)}", fontsize=9.0)
+            panel.set_title(f"{fault_words(fault)}: {heading.format(limits=judged.limits())}", fontsize=9.0)
             panel.set(xscale="log", ylim=(len(noises) - 0.5, -0.5))
             low, high = panel.get_xlim()
             # At least two powers of ten, which then carry the only labels.
@@ -63,7 +63,7 @@ def noise_figure(factors: pd.DataFrame, experiment: Experiment) -> Figure:
             panel.grid(axis="y", visible=False)
             for edge in range(1, len(noises)):
                 panel.axhline(edge - 0.5, color="0.9", linewidth=0.8, zorder=0.5)
-    styles = [(series_style(number), method_label(method)) for number, method in enumerate(methods)]
+    styles = [(series_style(number), method_label(method, judged.axis)) for number, method in enumerate(methods)]
     handles = [
         *(legend_key(label, color=style.colour, marker=style.marker, markersize=5) for style, label in styles),
         legend_key("none seen: upper bound", color="0.3", marker="<", markerfacecolor="none", linestyle=""),
@@ -96,7 +96,7 @@ def _spaced(name: str) -> str:
 
 
 @picture("exposures", "How often an event happens at least once in an exposure, by the correlation of its errors.")
-def exposure_figure(exposures: pd.DataFrame, *, event: str, assumed: int, title: str) -> Figure:
+def exposure_figure(exposures: pd.DataFrame, *, event: str, assumed: int, axis: str, title: str) -> Figure:
     """The share of exposures with an event, and the independent samples that would give it, against tau.
 
     A correlation time of zero is drawn at a third of the smallest other.
@@ -113,7 +113,7 @@ def exposure_figure(exposures: pd.DataFrame, *, event: str, assumed: int, title:
         upper, lower = axes[column :: len(faults)]
         of_fault = chosen[chosen.fault == fault]
         for number, method in enumerate(methods):
-            _draw_exposures(upper, lower, of_fault[of_fault.method == method], number, least, assumed)
+            _draw_exposures(upper, lower, of_fault[of_fault.method == method], number, least, assumed, axis)
         # The limits are given, since a panel in which nothing was seen has no points to take them from.
         upper.set(xscale="log", xlim=(least / 4.0, 1.5 * max(float(chosen.tau_s.max()), least)))
         # Where the event was never seen there is nothing that a logarithmic axis could show.
@@ -131,12 +131,14 @@ def exposure_figure(exposures: pd.DataFrame, *, event: str, assumed: int, title:
     return figure
 
 
-def _draw_exposures(upper: Axes, lower: Axes, rows: pd.DataFrame, number: int, least: float, assumed: int) -> None:
+def _draw_exposures(
+    upper: Axes, lower: Axes, rows: pd.DataFrame, number: int, least: float, assumed: int, axis: str
+) -> None:
     """One method under one fault: shares above, numbers of independent samples below."""
     style = series_style(number)
     tau = np.where(rows.tau_s > 0, rows.tau_s, least / 3.0)
     seen = (rows.exposures_with > 0).to_numpy()
-    label = method_label(str(rows.method.iloc[0]))
+    label = method_label(str(rows.method.iloc[0]), axis)
     for panel, of, rate in ((upper, "any", "any_rate"), (lower, "effective", "effective_samples")):
         value, low, high = (np.where(seen, rows[name], np.nan) for name in (rate, f"{of}_low", f"{of}_high"))
         panel.fill_between(tau, low, high, color=style.colour, alpha=0.15, linewidth=0)

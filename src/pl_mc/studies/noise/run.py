@@ -15,7 +15,7 @@ import numpy as np
 import pandas as pd
 from pydantic import Field
 
-from pl_mc.alert import AlertLimits
+from pl_mc.alert import EITHER, HORIZONTAL, VERTICAL, Judged
 from pl_mc.engine import EVENTS, Execution
 from pl_mc.faults import Faults, biases, no_fault, require_satellite
 from pl_mc.geometry import Geometry
@@ -27,14 +27,14 @@ from pl_mc.noise_models import GAUSSIAN, NoiseModel
 from pl_mc.report.document import Chart, Heading, Quantity, Summary, TextTable
 from pl_mc.report.figures import method_label
 from pl_mc.report.findings import Findings, Table, event_quantities
-from pl_mc.report.text import ANSWERED, event_text, method_key, metres, percent, rate_text
+from pl_mc.report.text import ANSWERED, event_text, listed, method_key, metres, percent, rate_text
 from pl_mc.runtime.progress import with_progress
 from pl_mc.runtime.threads import cores, in_order
 from pl_mc.statistics.exact import ls_rates
 from pl_mc.statistics.least_squares import ls_quantities
 from pl_mc.studies.noise.figures import assumed_share, exposure_figure, fault_words, noise_figure
 from pl_mc.studies.planned_sweep import PlannedSweep
-from pl_mc.studies.spec import Experiment, NoiseChoice, SimulatedGeometry, Strict
+from pl_mc.studies.spec import ByOneAxis, NoiseChoice, SimulatedGeometry, Strict
 from pl_mc.studies.study import Check, Work
 
 COMPARED = ("alarm", "misleading", "missed")
@@ -109,7 +109,7 @@ class ExposureChoice(Strict):
     assumed_samples: int = Field(default=25, ge=1)
 
 
-class NoiseExperiment(Experiment):
+class NoiseExperiment(ByOneAxis):
     """Noise models at one epoch, each compared with Gaussian noise.
 
     Attributes:
@@ -180,7 +180,7 @@ def checks(experiment: NoiseExperiment, g: Geometry | None) -> Iterator[Check]:
 def run(experiment: NoiseExperiment, execution: Execution) -> Findings:
     """Rates under every noise model, alone and beside those of Gaussian noise; rare events; exposures."""
     planned = sweeps(experiment)
-    g, alert = planned[0].g, experiment.alert_limits()
+    g, judged = planned[0].g, experiment.decides
     given, methods = experiment.exposure, experiment.method_records()
     for name in experiment.rare.methods:
         require_choice(name, [method.name for method in methods], field="rare.methods")
@@ -189,15 +189,17 @@ def run(experiment: NoiseExperiment, execution: Execution) -> Findings:
     )
     tables = {
         "rates": rates,
-        "factors": factor_table(rates, g, planned[0].faults, methods, alert),
+        "factors": experiment.with_axis(factor_table(rates, g, planned[0].faults, methods, judged)),
         "risks": _risks(experiment, planned, rates, execution),
         "exposures": exposure(
             g, experiment.faults.of_sizes(g, given.sizes_m), tau_s=given.taus_s, draws=given.draws,
             seed=experiment.seed, duration_s=given.duration_s, interval_s=given.interval_s, methods=methods,
-            alert=alert, precision=experiment.precision, progress=execution.progress,
+            alert=judged.alert, axis=_asked(experiment), precision=experiment.precision,
+            progress=execution.progress,
         ),
     }  # fmt: skip
-    drawn: Any = {"event": given.event, "assumed": given.assumed_samples, "title": experiment.title}
+    drawn: Any = {"event": given.event, "assumed": given.assumed_samples, "axis": judged.axis}
+    drawn["title"] = experiment.title
     return Findings(
         summary=summary(experiment, g, tables),
         tables=tuple(Table(name, table, _CHARTS.get(name)) for name, table in tables.items()),
@@ -206,8 +208,13 @@ def run(experiment: NoiseExperiment, execution: Execution) -> Findings:
     )
 
 
+def _asked(experiment: NoiseExperiment) -> str | None:
+    """The axis, where a table names it."""
+    return None if experiment.axes is None else experiment.decides.axis
+
+
 def factor_table(
-    rates: pd.DataFrame, g: Geometry, faults: Faults, methods: tuple[Method, ...], alert: AlertLimits
+    rates: pd.DataFrame, g: Geometry, faults: Faults, methods: tuple[Method, ...], judged: Judged
 ) -> pd.DataFrame:
     """Rates beside those under Gaussian noise, of which those of least squares are exact.
 
@@ -216,9 +223,11 @@ def factor_table(
         gaussian_low, gaussian_high``, and ``factor, factor_low, factor_high``, the quotient of the rates and those
         of opposite bounds; NaN where both were seen too rarely for one.
     """
-    exact = ls_rates(g, faults, alert=alert).set_index("fault")
     # Options other than the multiplier have no part in least squares; with another one it is counted.
-    known = {method.name for method in methods if method == Ls()}
+    # Where either limit decides all of it is.
+    known = {method.name for method in methods if method == Ls() and judged.axis != EITHER}
+    axis: Literal["vertical", "horizontal"] = "vertical" if judged.axis == VERTICAL else "horizontal"
+    exact = ls_rates(g, faults, alert=judged.alert, axis=axis).set_index("fault")
     gaussian = rates[rates.noise == GAUSSIAN.name].set_index(["method", "fault"])
     parts = ("rate", "low", "high")
     rows = []
@@ -261,8 +270,8 @@ def _risks(
         sweep, method, few = case
         table = risk(
             sweep.g, few, seed=experiment.seed, event=rare.event, method=method, target_cov=rare.target_cov,
-            alert=experiment.alert_limits(), noise=sweep.noise, max_evaluations=rare.max_evaluations, workers=1,
-            progress=False,
+            alert=experiment.alert_limits(), axis=_asked(experiment), noise=sweep.noise,
+            max_evaluations=rare.max_evaluations, workers=1, progress=False,
         )  # fmt: skip
         table.insert(0, "noise", sweep.noise.name)
         return table
@@ -278,34 +287,39 @@ def _risks(
 def summary(experiment: NoiseExperiment, g: Geometry, tables: Mapping[str, pd.DataFrame]) -> Summary:
     """One screen for every part, of the epoch and the tables by name."""
     factors, exposures = tables["factors"], tables["exposures"]
-    quantities, alert, satellite = ls_quantities(g), experiment.alert_limits(), experiment.faults.satellite
-    gain = float(quantities.gain[g.names.index(satellite)])
+    quantities, judged, satellite = ls_quantities(g), experiment.decides, experiment.faults.satellite
+    row = g.names.index(satellite)
+    up, sideways = float(quantities.gain[row]), float(np.hypot(*quantities.horizontal_gain[:, row]))
+    dop_m = {"VDOP": float(quantities.vdop_m), "HDOP": float(quantities.hdop_m)}
+    spread = [f"{called.level[0]}DOP {metres(dop_m[f'{called.level[0]}DOP'])} m" for called in judged.called]
+    moves = {VERTICAL: f"{'up' if up > 0 else 'down'} by {abs(up):.2f} m", HORIZONTAL: f"sideways by {sideways:.2f} m"}
+    moves[EITHER] = f"{moves[VERTICAL]} and {moves[HORIZONTAL]}"
     rare, given = experiment.rare, experiment.exposure
     return (
-        f"{len(g.names)} satellites, {int(quantities.dof)} redundant, VDOP {metres(float(quantities.vdop_m))} m of "
-        f"least squares; alert limit {alert.name}, VAL {metres(alert.val_m)} m. "
+        f"{len(g.names)} satellites, {int(quantities.dof)} redundant, {listed(spread)} of "
+        f"least squares; alert limit {judged.alert.name}, {judged.limits(metres)}. "
         f"{int(factors.draws.iloc[0]):,} draws for each fault and noise model, seed {experiment.seed}, all models "
         "made from the same numbers. Whatever the noise, methods believe in Gaussian errors with the satellites' "
-        f"sigma. A metre on {satellite} moves least squares {'up' if gain > 0 else 'down'} by {abs(gain):.2f} m.",
+        f"sigma. A metre on {satellite} moves least squares {moves[judged.axis]}.",
         "Rates with 95 % Clopper-Pearson bounds; in brackets the factor against Gaussian noise with the quotients "
         "of opposite bounds (least squares under Gaussian noise: the exact rate). `0 (< x %)` is the upper bound "
         "where nothing was seen.",
         Heading("Alarms"),
         _rates(factors[factors.event == "alarm"]),
-        Heading("Misleading: |vertical error| > VPL and no alarm"),
+        Heading(f"Misleading: {judged.beyond_level} and no alarm"),
         _rates(factors[factors.event == "misleading"]),
         Heading(f"P({rare.event}) where the sweep counted fewer than {rare.fewest_events}"),
         "By `pl_mc.risk`: importance sampling checked by subset simulation, or plain counts; no number where they "
         "do not bear each other out.",
         _risk_table(tables["risks"]) if len(tables["risks"]) else "None.",
         Heading(f"{given.event} at least once in an exposure, Gauss-Markov errors"),
-        *_exposures(exposures[exposures.event == given.event], given.assumed_samples),
+        *_exposures(exposures[exposures.event == given.event], given.assumed_samples, judged.axis),
     )
 
 
 def answer(tables: Mapping[str, pd.DataFrame], experiment: NoiseExperiment) -> tuple[str, ...]:
     """Each event under Gaussian noise and under the model that makes it most frequent."""
-    rates, (judged,) = tables["rates"], experiment.judged()
+    rates, judged = tables["rates"], experiment.decides
     sentences = []
     for event in ANSWERED:
         clauses = []
@@ -318,7 +332,7 @@ def answer(tables: Mapping[str, pd.DataFrame], experiment: NoiseExperiment) -> t
                 model = f"{row.noise}, the most" if seen else "any other model"
                 under = GAUSSIAN.name if row.noise == GAUSSIAN.name else model
                 parts.append(f"{event_text(row, event)}{f' at {row.fault}' if seen else ''} with {under}")
-            clauses.append(f"{method_label(str(name))} {', '.join(parts)}")
+            clauses.append(f"{method_label(str(name), judged.axis)} {', '.join(parts)}")
         sentences.append(f"{judged.means(event)}, at the worst fault: {'; '.join(clauses)}.")
     return tuple(sentences)
 
@@ -358,7 +372,7 @@ def _risk_table(risks: pd.DataFrame) -> TextTable:
     return TextTable.of(["noise", "method", "fault", "probability [95 %]", "by", "warning"], rows)
 
 
-def _exposures(rows: pd.DataFrame, assumed: int) -> Summary:
+def _exposures(rows: pd.DataFrame, assumed: int, axis: str) -> Summary:
     methods, first = list(dict.fromkeys(rows.method)), rows.iloc[0]
     cases = list(product(dict.fromkeys(rows.fault), methods))
     by_case = rows.set_index(["tau_s", "fault", "method"]).sort_index()
@@ -372,7 +386,7 @@ def _exposures(rows: pd.DataFrame, assumed: int) -> Summary:
         f"{int(first.samples)} samples an exposure, {int(first.exposures):,} exposures a cell; m is the number of "
         "independent samples that would have the same share (95 %; from ten exposures with the event on). Last "
         f"line: what the rate per sample, pooled over all lines, gives with {assumed} independent samples. "
-        f"{method_key(methods)}",
+        f"{method_key(methods, axis)}",
         TextTable.of(header, [*cells, [f"{assumed} independent", *budget]]),
     )
 

@@ -2,12 +2,10 @@
 
 from __future__ import annotations
 
-import functools
-import operator
-from collections.abc import Iterable, Iterator, Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from functools import partial
 from pathlib import Path
-from typing import ClassVar, Literal
+from typing import Literal
 
 import numpy as np
 import pandas as pd
@@ -15,7 +13,7 @@ from matplotlib.axes import Axes
 from matplotlib.dates import AutoDateLocator, ConciseDateFormatter
 from matplotlib.figure import Figure
 
-from pl_mc.alert import VERTICAL, Judged
+from pl_mc.alert import Judged
 from pl_mc.engine import Execution, solve
 from pl_mc.engine.drawn_biases import numbers_of_draw
 from pl_mc.faults import Faults, biases, no_fault
@@ -24,13 +22,13 @@ from pl_mc.geometry.gps_time import gps_dates
 from pl_mc.injection import inject
 from pl_mc.input_errors import InputError
 from pl_mc.receiver import read_receiver_series, read_truth
-from pl_mc.report.accuracy import DIRECTIONS, ERRORS, accuracy_m
+from pl_mc.report.accuracy import DIRECTIONS, ERRORS, accuracy_m, beyond_level, beyond_limit, beyond_words, sizes_m
 from pl_mc.report.document import Summary, TextTable
 from pl_mc.report.figures import legend_below, limit_line, method_label, new_figure, series_style, shade
 from pl_mc.report.findings import Findings, Table, picture
 from pl_mc.report.text import metres, share_of, share_text
 from pl_mc.studies.fault_fields import FaultText
-from pl_mc.studies.spec import ByAxes, ReceiverFiles
+from pl_mc.studies.spec import ByOneAxis, ReceiverFiles
 from pl_mc.studies.study import Check, Work, refuse
 
 # Lines of so few epochs have points; further apart than so many steps epochs are missing; levels up to so many times
@@ -43,14 +41,12 @@ _LINEAR_UP_TO = 4.0
 _SECONDS_A_DAY = 1.2
 
 
-class ObserveExperiment(ByAxes, ReceiverFiles):
+class ObserveExperiment(ByOneAxis, ReceiverFiles):
     """Receiver files and a true position or track; see `pl_mc.receiver.read_receiver_series`.
 
     ``faults`` holds texts such as ``G02:+30m:545-645``, see `pl_mc.biases`; all of them are added to the errors, those
     that are drawn as the seed has them, anew at each epoch.
     """
-
-    most_axes: ClassVar[int] = 1
 
     kind: Literal["observe"] = "observe"
     faults: tuple[FaultText, ...] = ()
@@ -71,14 +67,12 @@ def run(experiment: ObserveExperiment, execution: Execution) -> Findings:
     _require_solution(experiment, g, series.notes)
     injected = Faults.joined([no_fault(g), *(biases(g, text) for text in experiment.faults)])
     errors_m, faulted, notes = inject(g, series.errors_m, injected, numbers_of_draw(g, seed=experiment.seed))
-    (judged,) = experiment.judged()
+    judged = experiment.decides
     table = solve(
         g, errors_m, methods=experiment.method_records(), alert=judged.alert, axis=judged.axis,
         precision=experiment.precision,
     )  # fmt: skip
-    if judged.axis != VERTICAL or experiment.asked_axes() is not None:
-        table.insert(table.columns.get_loc("method") + 1, "axis", judged.axis)
-    table["faulted"] = table.epoch.map(pd.Series(faulted, index=g.epoch))
+    experiment.with_axis(table)["faulted"] = table.epoch.map(pd.Series(faulted, index=g.epoch))
     table.insert(1, "time", gps_dates(table.pop("time_gps_s")))
     return Findings(
         summary=summary(experiment, table, injected, series.signals),
@@ -116,7 +110,7 @@ def _require_solution(experiment: ObserveExperiment, g: Geometry, notes: Sequenc
 
 def summary(experiment: ObserveExperiment, table: pd.DataFrame, faults: Faults, signals: Sequence[str]) -> Summary:
     """The blocks of the summary; ``table`` is that of the epochs."""
-    (judged,), first = experiment.judged(), table.drop_duplicates("epoch")
+    judged, first = experiment.decides, table.drop_duplicates("epoch")
     count = first.satellites
     accuracy = []
     for method, group in table.groupby("method", sort=False):
@@ -141,17 +135,17 @@ def summary(experiment: ObserveExperiment, table: pd.DataFrame, faults: Faults, 
 
 def answer(tables: Mapping[str, pd.DataFrame], experiment: ObserveExperiment) -> tuple[str, ...]:
     """Errors, alarms, errors beyond the level."""
-    table, (judged,) = tables["epochs"], experiment.judged()
+    table, judged = tables["epochs"], experiment.decides
     alarms, outside = [], []
     errors: dict[str, list[str]] = {one.error: [] for one in judged.called}
     for name, group in table.groupby("method", sort=False):
         label, known = method_label(str(name), judged.axis), group[group.available]
         epochs = f"{len(known):,} of {len(group):,} epochs"
-        for said, size_m in zip(errors.values(), _sizes_m(known, judged), strict=True):
+        for said, size_m in zip(errors.values(), sizes_m(known, judged), strict=True):
             rms, quantile = (np.sqrt((size_m**2).mean()), size_m.quantile(0.95)) if len(size_m) else (np.nan, np.nan)
             said.append(f"{label} {metres(rms)} m rms, {metres(quantile)} m 95 % in {epochs}")
         alarms.append(f"{label} in {share_of(int(group.alarm.sum()), len(group))}")
-        unnoticed = _beyond_level(known, judged) & ~known.alarm
+        unnoticed = beyond_level(known, judged) & ~known.alarm
         outside.append(f"{label} in {share_of(int(unnoticed.sum()), len(known))}")
     beyond = " or ".join(errors)
     return (
@@ -162,41 +156,16 @@ def answer(tables: Mapping[str, pd.DataFrame], experiment: ObserveExperiment) ->
     )
 
 
-def _sizes_m(table: pd.DataFrame, judged: Judged) -> list[pd.Series]:
-    """Sizes of the errors that are judged, one by one [m]."""
-    size_m = {"vpl": table.up_m.abs(), "hpl": np.hypot(table.east_m, table.north_m)}
-    return [size_m[pl] for pl, _, _ in judged.levels]
-
-
-def _beyond_level(table: pd.DataFrame, judged: Judged) -> pd.Series:
-    """Whether an error is beyond its level; of what is not available it is not."""
-    levels = [table[f"{pl}_m"] for pl, _, _ in judged.levels]
-    return _any(size_m > level for size_m, level in zip(_sizes_m(table, judged), levels, strict=True))
-
-
-def _beyond_limit(table: pd.DataFrame, judged: Judged) -> pd.Series:
-    limits = [limit for _, _, limit in judged.levels]
-    return _any(size_m > limit for size_m, limit in zip(_sizes_m(table, judged), limits, strict=True))
-
-
-def _any(flags: Iterable[pd.Series]) -> pd.Series:
-    return functools.reduce(operator.or_, flags)
-
-
 def _alarms(table: pd.DataFrame, judged: Judged) -> TextTable:
     rows = []
     for method, group in table.groupby("method", sort=False):
         for faulted, part in group.groupby("faulted"):
-            beyond = _beyond_level(part, judged)
-            events = (part.alarm, beyond, beyond & ~part.alarm, _beyond_limit(part, judged))
+            beyond = beyond_level(part, judged)
+            events = (part.alarm, beyond, beyond & ~part.alarm, beyond_limit(part, judged))
             label = "with injected fault" if faulted else "as observed"
             cells = [method, label, len(part), (~part.available).sum(), *map(share_text, events)]
             rows.append([*cells, metres(part.vpl_m.median()), metres(part.hpl_m.median())])
-    letters = [name[0].replace("V", "U") for _, name, _ in judged.levels]
-    level, limit = (
-        " or ".join(f"{letter} beyond {words}" for letter, words in zip(letters, names, strict=True))
-        for names in ([one.level for one in judged.called], [one.limit for one in judged.called])
-    )
+    level, limit = beyond_words(judged)
     header = [
         "method", "epochs", "number", "unavailable", "alarm", level, f"{level}, no alarm", limit, "median VPL [m]",
         "median HPL [m]",

@@ -77,14 +77,14 @@ def run(experiment: ReadingsExperiment, execution: Execution) -> Findings:
     """One row per reading and draw, and how far each reading is from the paper."""
     # All readings are sound before the first is run.
     made = [(reading, experiment.series(reading)) for reading in experiment.readings]
-    alert, paper = experiment.alert_limits(), PAPER[experiment.compare]
+    (judged,), paper = experiment.judged(), PAPER[experiment.compare]
     rows: list[dict[str, object]] = []
     for reading, base in made:
         series = base.source.series(draws=base.redraws + 1, seed=base.seed, precision=base.precision)
         for redraw in range(base.redraws + 1):
             table, faults = solved(base, series, redraw)
             clean = table[~table.faulted]
-            for row, role in zip(draw_rows(table, faults, redraw, alert), ("before", "after"), strict=True):
+            for row, role in zip(draw_rows(table, faults, redraw, judged), ("before", "after"), strict=True):
                 part = clean[clean.method == row["method"]]
                 extra = {"median_clean_vpl_m": part.vpl_m.median(), "clean_alarm_rate": part.alarm.mean()}
                 rows.append({"varies": reading.varies, "reading": reading.label, "role": role} | row | extra)

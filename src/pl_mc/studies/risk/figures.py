@@ -15,8 +15,8 @@ from matplotlib.colors import LogNorm
 from matplotlib.figure import Figure
 from matplotlib.projections.polar import PolarAxes
 
-from pl_mc.alert import AlertLimits
-from pl_mc.constants import K_VERTICAL
+from pl_mc.alert import VERTICAL, Judged
+from pl_mc.constants import K_HORIZONTAL, K_VERTICAL
 from pl_mc.geometry import Geometry
 from pl_mc.report.figures import (
     DOTTED,
@@ -33,23 +33,21 @@ from pl_mc.studies.risk.tables import EXACT
 # Below this a probability is nothing to anyone, and no axis goes there.
 _SMALLEST = 1e-20
 
-# The risk that the usual multiplier of a vertical level stands for.
-_MEANT = 1e-7
-
 # Satellites this near to each other on the sky map would share a name's place [deg].
 _NEAR_DEG = 14.0
 # Multipliers are shown up to so many times the smallest.
 _FARTHEST = 20.0
 
 
-def _heading(event: str, alert: AlertLimits) -> str:
+def _heading(event: str, judged: Judged) -> str:
     """An event as a probability on an axis."""
-    limit = {"misleading": "PL", "missed": f"VAL {alert.vertical_m:g} m"}[event]
-    return f"P(|vertical error| > {limit}, no alarm)"
+    (called,) = judged.called
+    limit = {"misleading": "PL", "missed": judged.limits()}[event]
+    return f"P({called.size} > {limit}, no alarm)"
 
 
 @in_common_look
-def risk_curve_figure(curves: pd.DataFrame, *, alert: AlertLimits, title: str) -> Figure:
+def risk_curve_figure(curves: pd.DataFrame, *, judged: Judged, title: str) -> Figure:
     """Risk against bias, one row of panels per event and one column per satellite."""
     events, satellites, methods = (list(dict.fromkeys(curves[name])) for name in ("event", "satellite", "method"))
     figure, axes = new_figure(
@@ -62,17 +60,18 @@ def risk_curve_figure(curves: pd.DataFrame, *, alert: AlertLimits, title: str) -
         for panel, satellite in zip(panels, satellites, strict=True):
             panel.set_yscale("log")
             for k, method in enumerate(methods):
-                _curve(panel, shown[(shown.satellite == satellite) & (shown.method == method)], k)
+                _curve(panel, shown[(shown.satellite == satellite) & (shown.method == method)], k, judged.axis)
             panel.set_title(f"{satellite}: {event}")
             if event == "misleading":
-                panel.axhline(_MEANT, **DOTTED)
+                (called,) = judged.called
+                panel.axhline(called.promise, **DOTTED)
                 note(
-                    panel, "1e-7, what K_V = 5.33 stands for", (0.995, _MEANT), shift=(0, 2),
-                    xycoords=("axes fraction", "data"), ha="right", va="bottom", color="0.15",
+                    panel, f"{called.promised}, what {called.multiplier} stands for", (0.995, called.promise),
+                    shift=(0, 2), xycoords=("axes fraction", "data"), ha="right", va="bottom", color="0.15",
                 )  # fmt: skip
         most = min(float(shown[["probability", "high"]].max().max()), 1.0)
         panels[0].set_ylim(_least(shown) / 5, max(12.0 * most, 1e4 * _SMALLEST))
-        panels[0].set_ylabel(_heading(event, alert))
+        panels[0].set_ylabel(_heading(event, judged))
     for panel in axes[-len(satellites) :]:
         # Small biases, where the risk has its peak, get more room; with this share the slope has no step at 10 m.
         panel.set_xscale("symlog", linthresh=10.0, linscale=0.9 / np.log(10.0))
@@ -96,11 +95,11 @@ def _least(rows: pd.DataFrame) -> float:
     return max(min(candidates), _SMALLEST)
 
 
-def _curve(panel: Axes, rows: pd.DataFrame, index: int) -> None:
+def _curve(panel: Axes, rows: pd.DataFrame, index: int, axis: str) -> None:
     """One method: a line where it is exact, else estimates with intervals, hollow where there is a warning."""
     if rows.empty:
         return
-    style, label = series_style(index), method_label(rows.method.iloc[0])
+    style, label = series_style(index), method_label(rows.method.iloc[0], axis)
     marks: Any = {"linestyle": "none", "marker": style.marker, "markersize": 4, "color": style.colour}
     exact = rows[rows.estimator == EXACT]
     if len(exact):
@@ -142,7 +141,7 @@ def _curve(panel: Axes, rows: pd.DataFrame, index: int) -> None:
 
 
 @in_common_look
-def worst_figure(worst: pd.DataFrame, *, alert: AlertLimits, title: str) -> Figure:
+def worst_figure(worst: pd.DataFrame, *, judged: Judged, title: str) -> Figure:
     """The worst case of every satellite beside the largest on a ramp of 5, 10, ..., 100 m, a panel per event."""
     events, methods = (list(dict.fromkeys(worst[name])) for name in ("event", "method"))
     names = list(dict.fromkeys(worst.sort_values("probability", ascending=False).satellites))
@@ -157,18 +156,18 @@ def worst_figure(worst: pd.DataFrame, *, alert: AlertLimits, title: str) -> Figu
         for k, method in enumerate(methods):
             shown = rows[(rows.method == method) & (rows.probability > _SMALLEST)]
             places = shown.satellites.map(place).to_numpy() + (0.16 if len(methods) > 1 else 0.0) * (2 * k - 1)
-            _worst_of_method(panel, shown, places, k, method)
+            _worst_of_method(panel, shown, places, k, method_label(method, judged.axis))
         seen = rows.probability > _SMALLEST
         drawn = rows.loc[seen, ["probability", "grid_probability"]].to_numpy()
         drawn = drawn[drawn > _SMALLEST]
         floor = _SMALLEST if (rows.probability <= _SMALLEST).any() or not drawn.size else drawn.min()
         top = rows.high.max()
         panel.set_xlim(floor / 3, min(max(top, 10 * floor) * max((top / floor) ** 0.3, 5.0), 1e3))
-        panel.set(yticks=range(len(names)), yticklabels=names, xlabel=_heading(event, alert))
+        panel.set(yticks=range(len(names)), yticklabels=names, xlabel=_heading(event, judged))
         panel.set_title(event)
         if not seen.all():
             lost = rows[~seen].groupby("method", sort=False).size()
-            counts = ", ".join(f"{count} of {method_label(str(method))}" for method, count in lost.items())
+            counts = ", ".join(f"{count} of {method_label(str(method), judged.axis)}" for method, count in lost.items())
             note(
                 panel, f"below {_SMALLEST:g}: {counts}", (1.0, 1.01), shift=(0, 0), fontsize=7,
                 xycoords="axes fraction", ha="right", va="bottom",
@@ -178,9 +177,9 @@ def worst_figure(worst: pd.DataFrame, *, alert: AlertLimits, title: str) -> Figu
     return figure
 
 
-def _worst_of_method(panel: Axes, rows: pd.DataFrame, places: np.ndarray, index: int, method: str) -> None:
+def _worst_of_method(panel: Axes, rows: pd.DataFrame, places: np.ndarray, index: int, label: str) -> None:
     """The worst biases of one method with their intervals and sizes, joined to the largest of the ramp."""
-    style, label = series_style(index), method_label(method)
+    style = series_style(index)
     grid = rows.grid_probability
     panel.hlines(places, grid.clip(lower=_SMALLEST), rows.probability, color=style.colour, linewidth=1.0, alpha=0.6)
     panel.plot(
@@ -206,7 +205,7 @@ def _worst_of_method(panel: Axes, rows: pd.DataFrame, places: np.ndarray, index:
 
 
 @in_common_look
-def step_figure(steps: pd.DataFrame, worst: pd.DataFrame, *, alert: AlertLimits, title: str) -> Figure:
+def step_figure(steps: pd.DataFrame, worst: pd.DataFrame, *, judged: Judged, title: str) -> Figure:
     """How a ramp of 5, 10, ... m steps over the peak of the risk: exact least squares near the worst bias."""
     events = list(dict.fromkeys(steps.event))
     count = max(len(events), 1)
@@ -240,13 +239,13 @@ def step_figure(steps: pd.DataFrame, worst: pd.DataFrame, *, alert: AlertLimits,
         panel.set_yscale("log")
         least = rows.probability[rows.probability > 1e-6 * top.probability].min()
         panel.set_ylim(max(least / 8, 1e-300), top.probability * 200)
-        panel.set(xlabel=f"bias on {satellite} [m]", ylabel=_heading(event, alert))
+        panel.set(xlabel=f"bias on {satellite} [m]", ylabel=_heading(event, judged))
         panel.set_title(f"least squares, exact: {event}")
     return figure
 
 
 @in_common_look
-def sky_figure(worst: pd.DataFrame, g: Geometry, *, title: str) -> Figure:
+def sky_figure(worst: pd.DataFrame, g: Geometry, *, axis: str, title: str) -> Figure:
     """The sky of the epoch, each satellite coloured by its worst case of the first event, one panel per method."""
     event = worst.event.iloc[0]
     chosen = worst[worst.event == event]
@@ -285,7 +284,7 @@ def sky_figure(worst: pd.DataFrame, g: Geometry, *, title: str) -> Figure:
         panel.set_xticks(np.radians([0, 90, 180, 270]), ["N", "E", "S", "W"])
         panel.spines["polar"].set_visible(True)
         panel.spines["polar"].set_color("0.6")
-        panel.set_title(method_label(method) + (" (dotted: not searched)" if unknown.any() else ""))
+        panel.set_title(method_label(method, axis) + (" (dotted: not searched)" if unknown.any() else ""))
     assert image is not None
     figure.colorbar(image, ax=axes, label=f"P({event}) under the worst bias", shrink=0.8, pad=0.03)
     return figure
@@ -306,9 +305,13 @@ def _label_sides(angle: np.ndarray, zenith: np.ndarray) -> tuple[np.ndarray, np.
 
 @in_common_look
 def calibration_figure(
-    calibration: pd.DataFrame, curves: pd.DataFrame, equal_risk: pd.DataFrame, *, alert: AlertLimits, title: str
+    calibration: pd.DataFrame, curves: pd.DataFrame, equal_risk: pd.DataFrame, *, judged: Judged, title: str
 ) -> Figure:
     """P(event) against the multiplier, a panel per fault, and alarms against the bias at equal risk."""
+    calibration, curves, equal_risk = (
+        table.rename(columns={f"k_{judged.axis}": "k"}) for table in (calibration, curves, equal_risk)
+    )
+    usual_k = K_VERTICAL if judged.axis == VERTICAL else K_HORIZONTAL
     asked, methods = (list(dict.fromkeys(calibration[name])) for name in ("asked", "method"))
     columns = 2 if len(asked) > 1 else len(asked) + 1
     rows = -(-(len(asked) + 1) // columns)
@@ -319,61 +322,61 @@ def calibration_figure(
     for panel, fault in zip(axes, asked, strict=False):
         sought, shown = calibration[calibration.asked == fault], curves[curves.asked == fault]
         for k, method in enumerate(methods):
-            _multipliers(panel, sought[sought.method == method], shown[shown.method == method], k)
+            _multipliers(panel, sought[sought.method == method], shown[shown.method == method], k, judged.axis)
         panel.axhline(smallest, **DOTTED)
-        panel.axvline(K_VERTICAL, **DOTTED)
+        panel.axvline(usual_k, **DOTTED)
         note(
-            panel, f"K {K_VERTICAL:g}", (K_VERTICAL, 0.02), shift=(-3, 0), xycoords=("data", "axes fraction"),
+            panel, f"K {usual_k:g}", (usual_k, 0.02), shift=(-3, 0), xycoords=("data", "axes fraction"),
             ha="right", va="bottom", color="0.15",
         )  # fmt: skip
         panel.set_yscale("log")
-        panel.set(xlabel="multiplier K of the vertical level", ylabel=f"P({calibration.event.iloc[0]})")
+        panel.set(xlabel=f"multiplier K of the {judged.axis} level", ylabel=f"P({calibration.event.iloc[0]})")
         panel.set(xlim=(0, 1.1 * usual.max()), ylim=(0.2 * smallest, 1.0))
         # Where every method has a fault of its own these stand in the heading.
         faults = list(dict.fromkeys(sought.fault))
         own = "" if faults == [fault] else f": {', '.join(faults)}"
         panel.set_title("fault-free" if fault == "none" else f"{fault}{own}", fontsize=9.5)
-    _equal_risk(axes[len(asked)], equal_risk, alert)
+    _equal_risk(axes[len(asked)], equal_risk, judged)
     for spare in axes[len(asked) + 1 :]:
         spare.set_visible(False)
     legend_below(figure, axes[:1], columns=3)
     return figure
 
 
-def _multipliers(panel: Axes, rows: pd.DataFrame, curve: pd.DataFrame, index: int) -> None:
+def _multipliers(panel: Axes, rows: pd.DataFrame, curve: pd.DataFrame, index: int, axis: str) -> None:
     """One method: its curve with the band of its bounds, counted multipliers, and the check of estimated ones."""
     if rows.empty:
         return
-    style, label = series_style(index), method_label(rows.method.iloc[0])
+    style, label = series_style(index), method_label(rows.method.iloc[0], axis)
     exact = bool((rows.found == EXACT).all())
     if len(curve):
         line = f"{label}, exact" if exact else f"{label}, subset simulation"
-        panel.plot(curve.k_vertical, curve.probability, style.line, color=style.colour, linewidth=1.5, label=line)
+        panel.plot(curve.k, curve.probability, style.line, color=style.colour, linewidth=1.5, label=line)
         if not exact:
-            panel.fill_between(curve.k_vertical, curve.low, curve.high, color=style.colour, alpha=0.25, linewidth=0)
+            panel.fill_between(curve.k, curve.low, curve.high, color=style.colour, alpha=0.25, linewidth=0)
     if exact:
         return
-    known = rows[rows.k_vertical.notna()]
+    known = rows[rows.k.notna()]
     for rare, about, fill in ((False, "counted", "white"), (True, "calibrated", style.colour)):
         part = known[(known.found != "counting") == rare]
         if len(part):
-            upper = part.k_high.where(np.isfinite(part.k_high), part.k_vertical)
+            upper = part.k_high.where(np.isfinite(part.k_high), part.k)
             panel.errorbar(
-                part.k_vertical, part.target, xerr=bar_lengths(part.k_vertical, part.k_low, upper),
+                part.k, part.target, xerr=bar_lengths(part.k, part.k_low, upper),
                 linestyle="none", marker=style.marker, markersize=4.5, markerfacecolor=fill, color=style.colour,
                 capsize=2.5, zorder=3, label=f"{label}, {about}",
             )  # fmt: skip
     checked = known[known.check_probability > 0]
     if len(checked):
         panel.errorbar(
-            checked.k_vertical, checked.check_probability,
+            checked.k, checked.check_probability,
             yerr=bar_lengths(checked.check_probability, checked.check_low, checked.check_high), linestyle="none",
             marker="x", markersize=6.5, color="0.25", capsize=2.5, zorder=4,
             label="importance sampling" if index == 1 else None,
         )  # fmt: skip
 
 
-def _equal_risk(panel: Axes, rows: pd.DataFrame, alert: AlertLimits) -> None:
+def _equal_risk(panel: Axes, rows: pd.DataFrame, judged: Judged) -> None:
     """Alarm rate against bias, with the multipliers of the largest and the smallest target."""
     methods = list(dict.fromkeys(rows.method))
     shared = rows.groupby("target")["method"].nunique() >= min(len(methods), 2)
@@ -387,9 +390,9 @@ def _equal_risk(panel: Axes, rows: pd.DataFrame, alert: AlertLimits) -> None:
                     part.bias_m, part.alarm_rate,
                     yerr=bar_lengths(part.alarm_rate, part.alarm_low, part.alarm_high), linestyle=style.line,
                     marker=style.marker, markersize=3.5, color=style.colour, linewidth=width, elinewidth=1.0,
-                    label=f"{method}, {target:g}: K {part.k_vertical.iloc[0]:.3g}",
+                    label=f"{method}, {target:g}: K {part.k.iloc[0]:.3g}",
                 )  # fmt: skip
     satellite = next((label.split(":")[0] for label in rows.fault if label != "none"), "")
-    panel.set(xlabel=f"bias on {satellite} [m]", ylabel=f"P(alarm), VAL {alert.vertical_m:g} m", ylim=(-0.03, 1.05))
+    panel.set(xlabel=f"bias on {satellite} [m]", ylabel=f"P(alarm), {judged.limits()}", ylim=(-0.03, 1.05))
     panel.set_title("Alarms at equal risk")
     panel.legend(loc="center right", bbox_to_anchor=(1.0, 0.3), fontsize=7.5)

@@ -13,7 +13,7 @@ from pl_mc.faults import require_satellite
 from pl_mc.geometry import Geometry
 from pl_mc.input_errors import InputError, require_choice
 from pl_mc.methods import Method
-from pl_mc.studies.spec import Experiment, MethodChoice, SimulatedGeometry, Strict
+from pl_mc.studies.spec import ByOneLevel, MethodChoice, SimulatedGeometry, Strict
 from pl_mc.studies.study import Check, Work, refuse
 
 EventName = Literal["missed", "misleading"]
@@ -157,7 +157,7 @@ class CalibrationChoice(Strict):
         return max(self.fewest_draws, math.ceil(self.draws_per_event / target))
 
 
-class RiskExperiment(Experiment):
+class RiskExperiment(ByOneLevel):
     """Curves, worst cases, budgets and calibration at one epoch.
 
     Attributes:

@@ -29,18 +29,21 @@ _CHARTS = {
     ),
 }  # fmt: skip
 
+# Tables that say by which axis methods are judged.
+_WITH_METHODS = ("curves", "worst", "steps", "pairs", "budgets", "calibration", "multiplier_curves", "equal_risk")
+
 
 def run(experiment: RiskExperiment, execution: Execution) -> Findings:
     """Curves, worst faults, budgets and multipliers, as tables and figures."""
     g = scaled_noise(experiment.geometry.one_epoch(), experiment.noise_scale)
-    alert, methods, title = experiment.alert_limits(), experiment.method_records(), experiment.title
+    judged, methods, title = experiment.decides, experiment.method_records(), experiment.title
     choice = experiment.calibration
     # Everything named is looked up before the first long computation.
     for _, require in checks(experiment, g):
         require()
     budgets = [(budget, budget.method_of(methods)) for budget in experiment.budgets]
     further = as_methods([method.build() for method in choice.also]) if choice.also else ()
-    setting = tables.Setting(g, methods, alert, experiment.seed, execution)
+    setting = tables.Setting(g, methods, judged, experiment.seed, execution)
     calibrated = replace(setting, methods=(*methods, *further))
 
     multipliers, multiplier_curves = tables.calibration_table(calibrated, choice)
@@ -55,30 +58,32 @@ def run(experiment: RiskExperiment, execution: Execution) -> Findings:
         "multiplier_curves": multiplier_curves,
         "equal_risk": tables.equal_risk_table(calibrated, choice, multipliers),
     }
+    for name in _WITH_METHODS:
+        experiment.with_axis(data[name])
     return Findings(
         summary=summary(data, experiment, g, calibrated.methods),
         tables=tuple(Table(name, table, _CHARTS.get(name)) for name, table in data.items()),
         pictures=(
             Picture(
-                "risk_against_bias", figures.risk_curve_figure(curves, alert=alert, title=title),
+                "risk_against_bias", figures.risk_curve_figure(curves, judged=judged, title=title),
                 "Probability of misleading information and missed detection against the bias.",
             ),
             Picture(
-                "worst_case", figures.worst_figure(worst, alert=alert, title=title),
+                "worst_case", figures.worst_figure(worst, judged=judged, title=title),
                 "The worst fault of every satellite, beside the worst of a grid of biases.",
             ),
             Picture(
-                "grid_steps", figures.step_figure(data["steps"], worst, alert=alert, title=title),
+                "grid_steps", figures.step_figure(data["steps"], worst, judged=judged, title=title),
                 "How much of the worst case a grid of biases misses, by its step.",
             ),
             Picture(
-                "worst_sky", figures.sky_figure(worst, g, title=title),
+                "worst_sky", figures.sky_figure(worst, g, axis=judged.axis, title=title),
                 "Where the satellites with the worst faults stand in the sky.",
             ),
             Picture(
                 "calibration",
                 figures.calibration_figure(
-                    multipliers, multiplier_curves, data["equal_risk"], alert=alert, title=title
+                    multipliers, multiplier_curves, data["equal_risk"], judged=judged, title=title
                 ),
                 "The multiplier that keeps a target, and its price in alarms.",
             ),

@@ -4,25 +4,26 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Any
+from typing import Any, TypeGuard
 
 import numpy as np
 import pandas as pd
 from numpy.typing import NDArray
 
-from pl_mc.alert import AlertLimits
+from pl_mc.alert import VERTICAL, Judged
 from pl_mc.engine import Execution, sample
 from pl_mc.faults import Faults, no_fault, ramps, require_satellite
 from pl_mc.geometry import Geometry
 from pl_mc.integrity_risk.budget.budget import risk_budget
 from pl_mc.integrity_risk.k_factor.calibrate import calibrate
-from pl_mc.integrity_risk.k_factor.calibrated import NO_LIMIT
+from pl_mc.integrity_risk.k_factor.calibrated import NO_LIMIT, LevelAxis, exact_rates
 from pl_mc.integrity_risk.k_factor.worst_fault import neediest_fault
 from pl_mc.integrity_risk.rare.risk import risk
 from pl_mc.integrity_risk.worst.worst_case import worst_case
 from pl_mc.methods import Ls, Method
+from pl_mc.methods.capabilities import exact_law, k_of
 from pl_mc.runtime.threads import cores, in_order
-from pl_mc.statistics.exact import ls_rates
+from pl_mc.statistics.exact import LeastSquaresLaw
 from pl_mc.statistics.intervals import clopper_pearson
 from pl_mc.studies.fault_fields import ListedFaults
 from pl_mc.studies.risk.record import BudgetChoice, CalibrationChoice, CurveChoice, WorstChoice
@@ -40,11 +41,11 @@ _CURVE_COLUMNS = (
 
 @dataclass(frozen=True)
 class Setting:
-    """What every part of a run has in common: one epoch, methods, alert limits, the seed, how it runs."""
+    """What every part of a run has in common: one epoch, methods, the limit that decides, the seed, how it runs."""
 
     g: Geometry
     methods: tuple[Method, ...]
-    alert: AlertLimits
+    judged: Judged
     seed: int
     execution: Execution
 
@@ -56,16 +57,33 @@ class Setting:
     def options(self, effort: CurveChoice | WorstChoice | CalibrationChoice) -> dict[str, Any]:
         """What an estimate is called with, and how much it may take."""
         return {
-            "alert": self.alert,
+            **self.limits,
             "seed": self.seed,
             "target_cov": effort.target_cov,
             "max_evaluations": effort.max_evaluations,
         }
 
-    def exact(self, faults: Faults, event: str, k_vertical: float) -> NDArray[np.float64]:
-        """P(event) of least squares under each fault."""
-        rates = ls_rates(self.g, faults, alert=self.alert, k_vertical=k_vertical)
+    @property
+    def axis(self) -> LevelAxis:
+        """Whose error and level they are."""
+        return "vertical" if self.judged.axis == VERTICAL else "horizontal"
+
+    @property
+    def limits(self) -> dict[str, Any]:
+        """Limits and axis, as arguments; the vertical is not named where it has a limit."""
+        return {"alert": self.judged.alert} | ({} if self.axis == VERTICAL else {"axis": self.axis})
+
+    def exact(self, faults: Faults, event: str, method: Ls, k: float | None = None) -> NDArray[np.float64]:
+        """P(event) of least squares under each fault, with another multiplier where one is given."""
+        rates = exact_rates(
+            self.g, faults, method, self.judged.alert, k_of(method, self.axis) if k is None else k, self.axis
+        )
         return rates[f"{event}_rate"].to_numpy()
+
+
+def is_exact(method: Method) -> TypeGuard[Ls]:
+    """Whether everything about a method is exact: least squares with the level of its residuals."""
+    return isinstance(method, Ls) and isinstance(exact_law(method), LeastSquaresLaw)
 
 
 def curve_table(setting: Setting, choice: CurveChoice) -> pd.DataFrame:
@@ -82,8 +100,8 @@ def curve_table(setting: Setting, choice: CurveChoice) -> pd.DataFrame:
     )
     for method in setting.methods:
         for event, sizes in (("misleading", choice.misleading_m), ("missed", choice.missed_m)):
-            if isinstance(method, Ls):
-                value = setting.exact(ramp, event, method.k_vertical)
+            if is_exact(method):
+                value = setting.exact(ramp, event, method)
                 columns: dict[str, Any] = {"bias_m": ramp.scalar_bias_m, "method": method.name, "event": event}
                 columns |= {"probability": value, "low": value, "high": value, "standard_error": 0.0}
                 part = pd.DataFrame(columns | {"estimator": EXACT, "evaluations": 0, "warning": ""})
@@ -109,9 +127,9 @@ def worst_table(setting: Setting, choice: WorstChoice) -> pd.DataFrame:
     parts = []
     estimated = setting.g.names if choice.estimated == ("all",) else choice.estimated
     for method in setting.methods:
-        exact = isinstance(method, Ls)
+        exact = is_exact(method)
         for k, event in enumerate(choice.events if exact else choice.estimated_events if estimated else ()):
-            options: dict[str, Any] = {"alert": setting.alert, "seed": setting.seed}
+            options: dict[str, Any] = setting.limits | {"seed": setting.seed}
             if not exact:
                 refine = choice.refined[k] if choice.refined else len(estimated)
                 options = setting.options(choice) | {"satellites": list(estimated), "refine": refine}
@@ -151,7 +169,7 @@ def step_table(setting: Setting, worst: pd.DataFrame, *, stop_m: float) -> pd.Da
     """
     parts = []
     for method in setting.methods:
-        if not isinstance(method, Ls):
+        if not is_exact(method):
             continue
         for event, group in worst[worst.method == method.name].groupby("event", sort=False):
             top = group.loc[group.probability.idxmax()]
@@ -160,7 +178,7 @@ def step_table(setting: Setting, worst: pd.DataFrame, *, stop_m: float) -> pd.Da
             # Twice as far as the peak, and three steps of the usual ramp at the least.
             last = min(max(2.0 * top.bias_m, 15.0), stop_m)
             sizes = np.unique(np.append(np.linspace(0.0, last, 301), np.arange(5.0, last + 1e-9, 5.0)))
-            risks = setting.exact(_each_size(setting.g, [top.satellites], sizes), str(event), method.k_vertical)
+            risks = setting.exact(_each_size(setting.g, [top.satellites], sizes), str(event), method)
             columns = {"event": event, "satellite": top.satellites, "bias_m": sizes, "probability": risks}
             parts.append(pd.DataFrame(columns).assign(method=method.name))
     return _stacked(parts, ["event", "satellite", "bias_m", "probability", "method"])
@@ -172,7 +190,7 @@ def budget_table(setting: Setting, choices: Sequence[tuple[BudgetChoice, Method]
     for number, (choice, method) in enumerate(choices):
         options = choice.model_dump(exclude={"method", "sizes_m"})
         bias: Any = "worst" if choice.sizes_m is None else list(choice.sizes_m)
-        table = risk_budget(setting.g, method=method, alert=setting.alert, seed=setting.seed, bias=bias, **options)
+        table = risk_budget(setting.g, method=method, seed=setting.seed, bias=bias, **setting.limits, **options)
         front = {
             "budget": number,
             "method": method.name,
@@ -194,15 +212,15 @@ def calibration_table(setting: Setting, choice: CalibrationChoice) -> tuple[pd.D
 
     Returns:
         The rows of `calibrate` with ``asked``, and P(event) against the multiplier: ``method, asked, fault,
-        k_vertical, probability, low, high``, with the bounds of `calibrate`; for least squares exact, both bounds
-        the probability itself.
+        k_vertical`` (or ``k_horizontal``), ``probability, low, high``, with the bounds of `calibrate`; for least
+        squares exact, both bounds the probability itself.
     """
     tasks = [
         (method, asked, fault, target)
         for method in setting.methods
         for asked, fault, rare in _faults_of(setting, choice, method)
         for target in choice.targets
-        if isinstance(method, Ls) or rare or choice.counts(target)
+        if is_exact(method) or rare or choice.counts(target)
     ]
 
     def run(task: tuple[Method, str, Faults, float]) -> tuple[pd.DataFrame, list[pd.DataFrame]]:
@@ -222,9 +240,9 @@ def calibration_table(setting: Setting, choice: CalibrationChoice) -> tuple[pd.D
     exact = [
         _exact_curve(setting, method, fault, choice.event, 2.0 * float(part["k_high"].iloc[0])).assign(asked=asked)
         for (method, asked, fault, target), (part, _) in zip(tasks, results, strict=True)
-        if isinstance(method, Ls) and target == min(choice.targets)
+        if is_exact(method) and target == min(choice.targets)
     ]
-    columns = ["method", "asked", "fault", "k_vertical", "probability", "low", "high"]
+    columns = ["method", "asked", "fault", f"k_{setting.axis}", "probability", "low", "high"]
     return table, _stacked([*exact, *(curve for _, part in results for curve in part)], columns)[columns]
 
 
@@ -235,8 +253,8 @@ def _faults_of(setting: Setting, choice: CalibrationChoice, method: Method) -> l
     if sizes := choice.worst_sizes_m:
         single = _each_size(setting.g, setting.g.names, sizes)
         worst = neediest_fault(
-            setting.g, single, method=method, event=choice.event, alert=setting.alert, target=min(choice.targets),
-            seed=setting.seed,
+            setting.g, single, method=method, event=choice.event, alert=setting.judged.alert,
+            target=min(choice.targets), seed=setting.seed, axis=setting.axis,
         )  # fmt: skip
         faults.append((f"worst of {min(sizes):g} to {max(sizes):g} m", single.only(worst), True))
     return faults
@@ -245,8 +263,8 @@ def _faults_of(setting: Setting, choice: CalibrationChoice, method: Method) -> l
 def _exact_curve(setting: Setting, method: Ls, fault: Faults, event: str, last: float) -> pd.DataFrame:
     """P(event) of least squares against the multiplier, in even steps up to the last."""
     multipliers = np.linspace(1.0, max(last, 2.0), 120)
-    value = [float(setting.exact(fault, event, k)[0]) for k in multipliers]
-    columns = {"k_vertical": multipliers, "probability": value, "low": value, "high": value}
+    value = [float(setting.exact(fault, event, method, k)[0]) for k in multipliers]
+    columns = {f"k_{setting.axis}": multipliers, "probability": value, "low": value, "high": value}
     return pd.DataFrame(columns).assign(method=method.name, fault=fault.labels[0])
 
 
@@ -254,35 +272,37 @@ def equal_risk_table(setting: Setting, choice: CalibrationChoice, calibration: p
     """Alarm rates with the multiplier that keeps a target under all faults of a calibration, method by method.
 
     Returns:
-        One row per method, target and bias (0 is fault-free): ``method, target, k_vertical, fault, bias_m, draws,
-        alarm_rate, alarm_low, alarm_high``; exact for least squares.
+        One row per method, target and bias (0 is fault-free): ``method, target, k_vertical`` (or ``k_horizontal``),
+        ``fault, bias_m, draws, alarm_rate, alarm_low, alarm_high``; exact for least squares.
     """
-    g, draws, limit_m = setting.g, choice.alarm_draws, setting.alert.vertical_m
+    g, draws, axis = setting.g, choice.alarm_draws, setting.axis
+    ((pl, _, limit_m),) = setting.judged.levels
     faults = no_fault(g) + _each_size(g, [choice.alarm_satellite], [size for size in choice.alarm_biases_m if size])
     # A target that was not sought under every fault compares nothing.
     sought = calibration.groupby(["method", "target"])["asked"].transform("nunique")
-    known = calibration.groupby(["method", "target"])["k_vertical"].transform(lambda k: k.notna().all())
+    known = calibration.groupby(["method", "target"])[f"k_{axis}"].transform(lambda k: k.notna().all())
     complete = calibration[calibration.decides & known & (sought == calibration.asked.nunique())]
     decides = complete.drop_duplicates(["method", "target"])
     parts = []
     for method in setting.methods:
-        exact = isinstance(method, Ls)
-        if not exact:
+        exact = method if is_exact(method) else None
+        if exact is None:
             # One set of draws for all multipliers: the level is proportional to them.
             drawn = sample(g, faults, draws=draws, seed=setting.seed, methods=(method,), alert=NO_LIMIT)
-            unit_m = np.where(drawn["alarm"], np.inf, drawn["vpl_m"]) / method.k_vertical  # type: ignore[attr-defined]
+            unit_m = np.where(drawn["alarm"], np.inf, drawn[f"{pl}_m"]) / k_of(method, axis)
         rows = decides[decides.method == method.name]
         for target, k in zip(rows.target, rows.k_high, strict=True):
             rate: Any
-            if exact:
-                rate = low = high = setting.exact(faults, "alarm", max(k, 1e-6))
+            if exact is not None:
+                rate = low = high = setting.exact(faults, "alarm", exact, max(k, 1e-6))
             else:
                 alarm = pd.Series(np.isinf(unit_m) | (k * unit_m > limit_m)).groupby(drawn["fault"].to_numpy())
                 count = alarm.sum().loc[list(faults.labels)].to_numpy()
                 rate, (low, high) = count / draws, clopper_pearson(count, draws)
-            columns = {"method": method.name, "target": target, "k_vertical": k}
+            columns: dict[str, Any] = {"method": method.name, "target": target, f"k_{axis}": k}
             columns |= {"fault": np.array(faults.labels, dtype=object), "bias_m": faults.scalar_bias_m}
-            columns |= {"draws": 0 if exact else draws, "alarm_rate": rate, "alarm_low": low, "alarm_high": high}
+            columns |= {"draws": draws if exact is None else 0}
+            columns |= {"alarm_rate": rate, "alarm_low": low, "alarm_high": high}
             parts.append(pd.DataFrame(columns))
     return pd.concat(parts, ignore_index=True)
 

@@ -8,9 +8,10 @@ from typing import Any
 import numpy as np
 import pandas as pd
 
-from pl_mc.constants import K_VERTICAL
+from pl_mc.alert import HORIZONTAL, Judged
 from pl_mc.geometry import Geometry
 from pl_mc.methods import Method
+from pl_mc.methods.capabilities import k_of
 from pl_mc.report.document import Block, Bullets, Heading, Paragraph, TextTable
 from pl_mc.report.figures import method_label
 from pl_mc.report.text import method_key, percent, probability_text
@@ -19,8 +20,8 @@ from pl_mc.studies.risk.tables import EXACT
 
 _EVENTS = {"misleading": "misleading information", "missed": "missed detection", "alarm": "alarm"}
 _BIASES = {"worst": "the worst bias of every mode", "given sizes": "biases of given sizes"}
-# The level that is shown is meant for this probability of misleading information.
-_MEANT = 1e-7
+# Columns that are called by their axis, under one name.
+_EITHER = {"k_vertical": "k", "k_horizontal": "k"}
 
 
 def summary(
@@ -34,19 +35,21 @@ def summary(
         g: the epoch.
         methods: of the experiment and of the calibration.
     """
-    alert, confidence = experiment.alert_limits(), experiment.calibration.confidence
+    judged, confidence = experiment.decides, experiment.calibration.confidence
+    tables = {name: table.rename(columns=_EITHER) for name, table in tables.items()}
+    (called,) = judged.called
     labelled = [method.name for method in methods if method_label(method.name) != method.name]
     return (
         Paragraph(
             f"Epoch {int(g.epoch)}: {g.satellite_count} satellites, {g.unknown_count} unknowns; sigma times "
-            f"{experiment.noise_scale:g}, Gaussian errors, independent of each other. {alert.name}, VAL "
-            f"{alert.vertical_m:g} m, seed {experiment.seed}. Least squares is exact; estimates have 95 % "
-            "intervals, and a warning where their two estimators do not bear each other out. missed: |vertical "
-            "error| > VAL and no alarm. misleading: |vertical error| > PL and no alarm. Nothing here holds for "
+            f"{experiment.noise_scale:g}, Gaussian errors, independent of each other. {judged.alert.name}, "
+            f"{judged.limits()}, seed {experiment.seed}. Least squares is exact; estimates have 95 % "
+            "intervals, and a warning where their two estimators do not bear each other out. missed: "
+            f"{judged.beyond_limit} and no alarm. misleading: {called.size} > PL and no alarm. Nothing here holds for "
             "another geometry, noise or scale."
         ),
         Heading("What is proven about the levels"),
-        Bullets(tuple(sentence for method in methods for sentence in _proven(tables, method, confidence))),
+        Bullets(tuple(sentence for method in methods for sentence in _proven(tables, method, judged, confidence))),
         Heading("The worst bias on one satellite"),
         _worst_biases(tables["worst"]),
         Paragraph(
@@ -71,8 +74,8 @@ def summary(
             "wanted, or not where the estimate is good in spite of it."
         ),
         _equal_risk(tables["equal_risk"]),
-        *_pairs(tables["pairs"]),
-        *_budgets(tables["budgets"]),
+        *_pairs(tables["pairs"], judged.axis),
+        *_budgets(tables["budgets"], judged.axis),
         *_list(
             (
                 f"{row.method}, {row.event}, {row.satellite} {row.bias_m:g} m: {row.warning}."
@@ -81,7 +84,7 @@ def summary(
             ),
             "Estimates with a warning",
         ),
-        *((Paragraph(method_key(labelled)),) if labelled else ()),
+        *((Paragraph(method_key(labelled, judged.axis)),) if labelled else ()),
     )
 
 
@@ -124,10 +127,11 @@ def _groups(table: pd.DataFrame, *names: str) -> Any:
     return table.groupby(list(names) if len(names) > 1 else names[0], sort=False)
 
 
-def _proven(tables: Mapping[str, pd.DataFrame], method: Method, confidence: float) -> Iterator[str]:
+def _proven(tables: Mapping[str, pd.DataFrame], method: Method, judged: Judged, confidence: float) -> Iterator[str]:
     """Sentences about one method, each with its number, interval and denominator or estimator."""
-    scale, k = getattr(method, "scale", None), float(getattr(method, "k_vertical", K_VERTICAL))
-    what = f"{method_label(method.name)}, K {k:g}" + (f", scale `{scale}`" if scale else "")
+    (called,) = judged.called
+    scale, k = getattr(method, "scale", None), k_of(method, judged.axis)
+    what = f"{method_label(method.name, judged.axis)}, K {k:g}" + (f", scale `{scale}`" if scale else "")
     for event in ("misleading", "missed"):
         rows = _of(tables["worst"], method=method.name, event=event)
         seen = _of(tables["curves"], method=method.name, event=event)
@@ -135,8 +139,8 @@ def _proven(tables: Mapping[str, pd.DataFrame], method: Method, confidence: floa
         if rows.probability.notna().any():
             top = rows.loc[rows.probability.idxmax()]
             how = "exactly" if top.low == top.high else "estimated, 95 % interval" + _second(top)
-            beyond = event == "misleading" and top.low > _MEANT
-            least = f": at least {top.low / _MEANT:.3g} times 1e-7" if beyond else ""
+            beyond = event == "misleading" and top.low > called.promise
+            least = f": at least {top.low / called.promise:.3g} times {called.promised}" if beyond else ""
             yield (
                 f"{what}: P({event}) under the worst single bias ({top.fault or 'none'}, {len(rows)} satellites "
                 f"searched) is {_risk(top)} ({how}){least}."
@@ -161,7 +165,7 @@ def _proven(tables: Mapping[str, pd.DataFrame], method: Method, confidence: floa
         where = "fault-free" if asked == "none" else f"under {asked}{own}"
         doubt = f"; in doubt: {last.warning}" if last.warning else ""
         rarer = "; smaller targets were not sought" if last.target > calibration.target.min() else ""
-        if np.isnan(last.k_vertical):
+        if np.isnan(last.k):
             yield f"{what}: no multiplier is known for P({last.event}) of {last.target:g}, {where}{doubt}{rarer}."
             continue
         how = "exactly" if last.found == EXACT else f"{last.found}, each bound at {100 * confidence:g} %"
@@ -179,9 +183,9 @@ def _second(row: Any) -> str:
 
 def _k_text(row: Any) -> str:
     if row.found == EXACT:
-        return f"{row.k_vertical:.4g}"
+        return f"{row.k:.4g}"
     bounds = f"[{row.k_low:.4g}, {row.k_high:.4g}]"
-    return "no number" if np.isnan(row.k_vertical) else f"{row.k_vertical:.4g} {bounds}"
+    return "no number" if np.isnan(row.k) else f"{row.k:.4g} {bounds}"
 
 
 def _worst_biases(worst: pd.DataFrame) -> TextTable:
@@ -242,7 +246,7 @@ def _multipliers(calibration: pd.DataFrame) -> TextTable:
             row = part.iloc[0]
             own = "" if row.fault == asked else f", {row.fault}"
             cells += [_k_text(row) + (" (!)" if row.warning else ""), f"{row.found}{own}"]
-            known = row.found == EXACT or not np.isnan(row.k_vertical)
+            known = row.found == EXACT or not np.isnan(row.k)
             bounds = row.alarm_rate_after_low, row.alarm_rate_after_high
             cells.append(_alarms(row.alarm_rate_after, *bounds) if known else "")
         rows.append(cells)
@@ -255,9 +259,9 @@ def _checks(calibration: pd.DataFrame) -> Iterator[str]:
     rows = calibration[(calibration.check_probability > 0) | (calibration.warning != "")]
     for row in rows.itertuples():
         text = "no multiplier"
-        if row.check_probability > 0 and not np.isnan(row.k_vertical):
+        if row.check_probability > 0 and not np.isnan(row.k):
             risk = risk_text(row.check_probability, row.check_low, row.check_high)
-            text = f"P {risk} at K {row.k_vertical:.4g}"
+            text = f"P {risk} at K {row.k:.4g}"
         doubt = f" (!) {row.warning}" if row.warning else ""
         yield f"check, {row.method}, {row.fault}, target {row.target:g}: {text}.{doubt}"
 
@@ -268,12 +272,12 @@ def _equal_risk(table: pd.DataFrame) -> TextTable:
     for (target, method), group in _groups(table, "target", "method"):
         by_fault = group.set_index("fault").loc[faults]
         alarms = [_alarms(row.alarm_rate, row.alarm_low, row.alarm_high) for row in by_fault.itertuples()]
-        rows.append([f"{target:g}", method, f"{group.k_vertical.iloc[0]:.4g}", *alarms])
+        rows.append([f"{target:g}", method, f"{group.k.iloc[0]:.4g}", *alarms])
     rows.sort(key=lambda cells: -float(cells[0]))
     return TextTable.of(["target", "method", "K", *(f"alarms, {fault}" for fault in faults)], rows)
 
 
-def _pairs(pairs: pd.DataFrame) -> tuple[Block, ...]:
+def _pairs(pairs: pd.DataFrame, axis: str) -> tuple[Block, ...]:
     """The few worst pairs of each method and event."""
     if pairs.empty:
         return ()
@@ -284,18 +288,19 @@ def _pairs(pairs: pd.DataFrame) -> tuple[Block, ...]:
             how = EXACT if row.low == row.high else spent
             biases = f"{row.bias_1_m:.1f}, {row.bias_2_m:.1f}"
             rows.append([event, method, row.satellites, biases, _risk(row), how])
+    exactly = "Of each method" if axis == HORIZONTAL else "Least squares is exact. For other methods"
     return (
         Heading("The worst pairs"),
         TextTable.of(["event", "method", "pair", "biases [m]", "probability", "found"], rows),
         Paragraph(
-            "Least squares is exact. For other methods every pair is screened by the limit state of 1024 draws, "
+            f"{exactly} every pair is screened by the limit state of 1024 draws, "
             "the best of them by small populations of subset simulation, and the three best estimated with noise "
             "of their own; a worse fault may have been passed over."
         ),
     )
 
 
-def _budgets(budgets: pd.DataFrame) -> tuple[Block, ...]:
+def _budgets(budgets: pd.DataFrame, axis: str) -> tuple[Block, ...]:
     """One table per budget, modes summed by kind."""
     if budgets.empty:
         return ()
@@ -311,7 +316,7 @@ def _budgets(budgets: pd.DataFrame) -> tuple[Block, ...]:
         whole = risk_text(total.risk_per_approach, total.risk_low, total.risk_high)
         blocks += [
             Paragraph(
-                f"{method_label(total.method)}, P({total.event}), {_BIASES[total.bias]}: {whole} per approach "
+                f"{method_label(total.method, axis)}, P({total.event}), {_BIASES[total.bias]}: {whole} per approach "
                 f"against {total.target:g}: **{total.verdict}**."
             ),
             TextTable.of(["mode", "number", "prior", "risk per approach", "largest", "found"], rows),
@@ -321,26 +326,28 @@ def _budgets(budgets: pd.DataFrame) -> tuple[Block, ...]:
 
 def answer(tables: Mapping[str, pd.DataFrame], experiment: RiskExperiment) -> tuple[str, ...]:
     """The likeliest fault of each method, the totals of the budgets against their target, the multipliers."""
-    worst, budgets, calibration = tables["worst"], tables["budgets"], tables["calibration"]
+    worst, budgets, calibration = tables["worst"], tables["budgets"], tables["calibration"].rename(columns=_EITHER)
+    axis = experiment.decides.axis
     faults = []
     for (event, method), group in _groups(worst[worst.probability.notna()], "event", "method"):
         row = group.loc[group.probability.idxmax()]
         bounds = "(exact)" if row.low == row.high else f"[{_number(row.low)}, {_number(row.high)}]"
-        faults.append(f"{method_label(method)}, {_EVENTS[event]}: {_number(row.probability)} {bounds} at {row.fault}")
+        what = f"{method_label(method, axis)}, {_EVENTS[event]}"
+        faults.append(f"{what}: {_number(row.probability)} {bounds} at {row.fault}")
     totals = [
-        f"{method_label(row.method)}, {_EVENTS[row.event]}, {_number(row.risk_per_approach)} "
+        f"{method_label(row.method, axis)}, {_EVENTS[row.event]}, {_number(row.risk_per_approach)} "
         f"[{_number(row.risk_low)}, {_number(row.risk_high)}] against {row.target:g}, {row.verdict}"
         for row in (_of(budgets, mode="total") if "mode" in budgets else budgets).itertuples()
     ]
     needs = []
-    for method, group in _groups(calibration[calibration.k_vertical.notna()], "method"):
+    for method, group in _groups(calibration[calibration.k.notna()], "method"):
         rarest = group[group.target == group.target.min()]
-        row = rarest.loc[rarest.k_vertical.idxmax()]
+        row = rarest.loc[rarest.k.idxmax()]
         # Infinite bounds are those of a multiplier that two estimates disagree about.
         bounds = "" if row.k_low == row.k_high else f" [{row.k_low:.4g}, {row.k_high:.4g}]"
         under = "without a fault" if row.fault == "none" else f"under {row.fault}"
         kept = f"{_EVENTS.get(row.event, row.event)} at {row.target:g} {under}"
-        needs.append(f"{method_label(method)} needs K = {row.k_vertical:.4g}{bounds} to keep {kept}")
+        needs.append(f"{method_label(method, axis)} needs K = {row.k:.4g}{bounds} to keep {kept}")
     return (
         f"The worst fault of one satellite ({'; '.join(faults)})." if faults else "No worst fault was found.",
         f"Risk per approach over the fault modes: {'; '.join(totals)}." if totals else "No budget was asked for.",

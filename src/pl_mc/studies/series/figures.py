@@ -11,7 +11,7 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.ticker import MaxNLocator
 
-from pl_mc.alert import AlertLimits
+from pl_mc.alert import EITHER, Judged
 from pl_mc.report.accuracy import DIRECTIONS, ERRORS
 from pl_mc.report.figures import in_common_look, method_label, new_figure, shade, short_label
 from pl_mc.report.findings import picture
@@ -67,24 +67,36 @@ def position_errors_figure(table: pd.DataFrame, *, method: str, windows: Windows
     return figure
 
 
-@in_common_look
-def levels_figure(table: pd.DataFrame, *, windows: Windows, alert: AlertLimits, title: str) -> Figure:
-    """Vertical protection levels and VAL against the epoch, on a logarithmic scale (figures 5 and 9).
+def level_words(judged: Judged) -> str:
+    """``Vertical protection levels``."""
+    return "Protection levels" if judged.axis == EITHER else f"{judged.axis.capitalize()} protection levels"
 
-    ``table`` has ``epoch, time, method, vpl_m``.
+
+@in_common_look
+def levels_figure(table: pd.DataFrame, *, windows: Windows, judged: Judged, title: str) -> Figure:
+    """Protection levels and their alert limits against the epoch, on a logarithmic scale (figures 5 and 9).
+
+    ``table`` has ``epoch, time, method`` and the levels of the axis, each of which has a panel.
     """
-    figure, (axes,) = _over_epochs(table, windows, title=f"{title}: vertical protection levels", height_in=4.4)
+    heading = f"{title}: {level_words(judged).lower()}"
+    figure, panels = _over_epochs(
+        table, windows, panels=len(judged.levels), title=heading, height_in=1.6 + 2.8 * len(judged.levels)
+    )
     # The first method is drawn broad and light behind, the second thin and dark in front.
     looks = ((_BACK, 2.2), (_FRONT, 0.6))
-    for (colour, width), (method, group) in zip(looks, table.groupby("method", sort=False), strict=True):
-        axes.plot(group.epoch, group.vpl_m, color=colour, linewidth=width, label=method_label(str(method)))
-    val_m = alert.val_m
-    axes.axhline(val_m, color="0.1", linewidth=1.3, linestyle=(0, (6, 2)), label=f"VAL {val_m:g} m")
-    known = table.vpl_m[np.isfinite(table.vpl_m) & (table.vpl_m > 0)]
-    low, high = (min(known.min(), val_m) / 1.2, max(known.max(), val_m) * 1.2) if len(known) else (1.0, 2 * val_m)
-    axes.set(yscale="log", ylabel="VPL [m]", ylim=(low, high))
-    _label_ticks(axes, (0.1, 0.2, 0.5, 1, 2, 5, 10, 20, 50, 100, 200, 500, 1000, 2000, 5000), low, high)
-    axes.legend(ncols=4, **_ABOVE)
+    for axes, (pl, name, limit_m), one in zip(panels, judged.levels, judged.called, strict=True):
+        for (colour, width), (method, group) in zip(looks, table.groupby("method", sort=False), strict=True):
+            label = method_label(str(method), judged.axis)
+            axes.plot(group.epoch, group[f"{pl}_m"], color=colour, linewidth=width, label=label)
+        axes.axhline(limit_m, color="0.1", linewidth=1.3, linestyle=(0, (6, 2)), label=f"{one.limit} {limit_m:g} m")
+        axes.set(yscale="log", ylabel=f"{name} [m]")
+        axes.legend(ncols=4, **_ABOVE)
+    # The panels share one scale.
+    level_m, limits = table[[f"{pl}_m" for pl, _, _ in judged.levels]].to_numpy(), [m for _, _, m in judged.levels]
+    known = level_m[np.isfinite(level_m) & (level_m > 0)]
+    ends = (min(known.min(), *limits) / 1.2, max(known.max(), *limits) * 1.2) if len(known) else (1.0, 2 * max(limits))
+    panels[0].set_ylim(*ends)
+    _label_ticks(panels[0], (0.1, 0.2, 0.5, 1, 2, 5, 10, 20, 50, 100, 200, 500, 1000, 2000, 5000), *ends)
     return figure
 
 

@@ -13,11 +13,11 @@ import numpy as np
 import pandas as pd
 from pydantic import Field, field_validator
 
-from pl_mc.alert import AlertLimits
+from pl_mc.alert import Judged
 from pl_mc.engine import Execution, solve
 from pl_mc.geometry.gps_time import gps_dates
 from pl_mc.kernels.noise import LANES
-from pl_mc.report.accuracy import accuracy_m
+from pl_mc.report.accuracy import accuracy_m, beyond_level, beyond_limit, beyond_words
 from pl_mc.report.document import Block, Paragraph, Summary, TextTable
 from pl_mc.report.figures import short_label
 from pl_mc.report.files import to_markdown
@@ -26,6 +26,7 @@ from pl_mc.report.text import by_method, counted_rate, metres, percent, share_of
 from pl_mc.studies.series.figures import (
     Windows,
     flight_figure,
+    level_words,
     levels_figure,
     position_errors_figure,
     satellites_figure,
@@ -33,7 +34,7 @@ from pl_mc.studies.series.figures import (
 from pl_mc.studies.series.window_faults import AnyWindowFaults, DrawnFaults, GivenFaults
 from pl_mc.studies.series.zhao2021 import ACCURACY_COLUMNS, PAPER, oddities, paper_table
 from pl_mc.studies.sources import AnySource, ReceiverSource, Series, expected_epochs
-from pl_mc.studies.spec import Experiment, MethodChoice
+from pl_mc.studies.spec import ByOneAxis, MethodChoice
 from pl_mc.studies.study import Work
 
 # Solutions of an epoch by a method a second, from the seconds of manifests of shipped experiments, on two cores.
@@ -62,7 +63,7 @@ _WHY = {
 }
 
 
-class SeriesExperiment(Experiment):
+class SeriesExperiment(ByOneAxis):
     """Two methods over a series of epochs, the first plain, the second robust, with faults in windows.
 
     Attributes:
@@ -94,15 +95,15 @@ class SeriesExperiment(Experiment):
 
 def run(experiment: SeriesExperiment, execution: Execution) -> Findings:
     """The series with each draw of its faults; the paper's table and figures from the first of them."""
-    alert, paper = experiment.alert_limits(), PAPER[experiment.compare]
+    judged, paper = experiment.decides, PAPER[experiment.compare]
     series = experiment.source.series(
         draws=experiment.redraws + 1, seed=experiment.seed, precision=experiment.precision
     )
     table, faults = solved(experiment, series, 0)
-    rows = draw_rows(table, faults, 0, alert)
+    rows = draw_rows(table, faults, 0, judged)
     for redraw in range(1, experiment.redraws + 1):
-        rows += draw_rows(*solved(experiment, series, redraw), redraw, alert)
-    redraws = pd.DataFrame(rows)
+        rows += draw_rows(*solved(experiment, series, redraw), redraw, judged)
+    redraws = experiment.with_axis(pd.DataFrame(rows))
     compared = paper_table(paper, *(group for _, group in redraws.groupby("method", sort=False)))
     table.insert(1, "time", gps_dates(table.pop("time_gps_s")))
     remarks = oddities(paper, compared, float(faults.faulted.mean()))
@@ -129,7 +130,7 @@ def work(experiment: SeriesExperiment, *, solutions_per_s: float = _SOLUTIONS_PE
     return Work(solutions if known else None, solutions / solutions_per_s)
 
 
-def draw_rows(table: pd.DataFrame, faults: DrawnFaults, redraw: int, alert: AlertLimits) -> list[dict[str, object]]:
+def draw_rows(table: pd.DataFrame, faults: DrawnFaults, redraw: int, judged: Judged) -> list[dict[str, object]]:
     """One row per method of a draw: its satellites, counts over faulted epochs, errors over all epochs [m]."""
     rows: list[dict[str, object]] = []
     for method, group in table[table.faulted].groupby("method", sort=False):
@@ -140,8 +141,8 @@ def draw_rows(table: pd.DataFrame, faults: DrawnFaults, redraw: int, alert: Aler
             "faulted_epochs": len(group),
             "unavailable": int((~group.available).sum()),
             "alarms": int(group.alarm.sum()),
-            "exceeded": int((group.available & (group.up_m.abs() > group.vpl_m)).sum()),
-            "unalerted": int(((group.up_m.abs() > alert.vertical_m) & ~group.alarm).sum()),
+            "exceeded": int((group.available & beyond_level(group, judged)).sum()),
+            "unalerted": int((beyond_limit(group, judged) & ~group.alarm).sum()),
         }
         accuracy = accuracy_m(table, str(method)).ravel()
         rows.append(row | dict(zip(ACCURACY_COLUMNS, accuracy.tolist(), strict=True)))
@@ -156,9 +157,9 @@ def solved(experiment: SeriesExperiment, series: Series, redraw: int) -> tuple[p
     g = series.geometry
     faults = experiment.faults.draw(g, seed=experiment.seed, redraw=redraw)
     errors_m = series.errors_m[min(redraw, len(series.errors_m) - 1)] + faults.bias_m
-    methods, alert = experiment.method_records(), experiment.alert_limits()
-    table = solve(g, errors_m, methods=methods, alert=alert, precision=experiment.precision)
-    table["faulted"] = table.epoch.map(pd.Series(faults.faulted, index=g.epoch))
+    methods, judged = experiment.method_records(), experiment.decides
+    table = solve(g, errors_m, methods=methods, alert=judged.alert, axis=judged.axis, precision=experiment.precision)
+    experiment.with_axis(table)["faulted"] = table.epoch.map(pd.Series(faults.faulted, index=g.epoch))
     return table, faults
 
 
@@ -167,7 +168,7 @@ def _pictures(
 ) -> tuple[Picture, ...]:
     """The figures under the paper's numbers."""
     satellites, before, after, levels = PAPER[experiment.compare].figures
-    plain, robust = table.method.unique()
+    (plain, robust), judged = table.method.unique(), experiment.decides
     common: dict[str, Any] = {"windows": windows, "title": experiment.title}
     errors = "East, north and up errors of {} over the epochs."
     drawn = (
@@ -176,8 +177,8 @@ def _pictures(
          errors.format("least squares")),
         (f"fig{after}_errors_robust", position_errors_figure(table, method=robust, **common),
          errors.format("the robust estimate")),
-        (f"fig{levels}_vpl", levels_figure(table, alert=experiment.alert_limits(), **common),
-         "Vertical protection levels over the epochs."),
+        (f"fig{levels}_{'_'.join(pl for pl, _, _ in judged.levels)}", levels_figure(table, judged=judged, **common),
+         f"{level_words(judged)} over the epochs."),
     )  # fmt: skip
     above = () if flight is None else (flight_figure(flight, title=experiment.title),)
     return (*(Picture(*parts) for parts in drawn), *above)
@@ -228,7 +229,7 @@ def summary(
         table: ``epoch, time, method, satellites, up_m, vpl_m, available, alarm, faulted`` of the first draw.
         faults: of that draw.
     """
-    alert, source = experiment.alert_limits(), experiment.source.describe()
+    judged, source = experiment.decides, experiment.source.describe()
     number, count = PAPER[experiment.compare].table, table.drop_duplicates("epoch").satellites
     windows = zip(faults.windows, faults.chosen, strict=True)
     chosen = "; ".join(f"{first}-{last}: {' and '.join(names)}" for (first, last), names in windows)
@@ -243,13 +244,13 @@ def summary(
         rows.append([row.direction, _STATISTIC[row.statistic], *map(metres, lengths)])
     return (
         f"{source[:1].upper()}{source[1:]}. {count.min()}-{count.max()} satellites (mean {count.mean():.1f}). "
-        f"Faults: {experiment.faults.describe()}; drawn with seed {experiment.seed}: {chosen}. {alert.name}, "
-        f"VAL {metres(alert.val_m)} m.",
-        _alarms(table, alert.val_m),
-        f"Alarm: VPL > VAL, or no solution. Bounds: 95 % Clopper-Pearson; {independent}.",
+        f"Faults: {experiment.faults.describe()}; drawn with seed {experiment.seed}: {chosen}. "
+        f"{judged.alert.name}, {judged.limits(metres)}.",
+        _alarms(table, judged),
+        f"Alarm: {judged.alarm}, or no solution. Bounds: 95 % Clopper-Pearson; {independent}.",
         f"Faulted epochs over {redraws.redraw.nunique()} draws of {_drawn(experiment)} (`redraws.csv`): "
-        f"{_redraws(redraws)}.",
-        _fault_free(table),
+        f"{_redraws(redraws, judged)}.",
+        *(_fault_free(table, name) for _, name, _ in judged.levels),
         f"Table {number} of Zhao et al. (2021) beside ours, errors in m (ranges and reasons: `table{number}.md`):",
         TextTable.of(["", "", "before: ours", "paper", "after: ours", "paper"], rows),
         " ".join([_key(experiment), *remarks]),
@@ -259,18 +260,19 @@ def summary(
 def answer(tables: Mapping[str, pd.DataFrame], experiment: SeriesExperiment) -> tuple[str, ...]:
     """Alarms and integrity under the faults, accuracy, and how much a draw matters."""
     redraws, paper = tables["redraws"], tables[f"table{PAPER[experiment.compare].table}"]
+    judged = experiment.decides
     first, groups = list(redraws[redraws.redraw == 0].itertuples()), redraws.groupby("method", sort=False)
-    alarms = by_method(first, lambda row: f"in {share_of(row.alarms, row.faulted_epochs)}")
-    missed = by_method(first, lambda row: share_of(row.unalerted, row.faulted_epochs))
-    accuracy = by_method(first, lambda row: f"{metres(row.up_rms_m)} m rms, {metres(row.up_95_m)} m 95 %")
+    alarms = by_method(first, lambda row: f"in {share_of(row.alarms, row.faulted_epochs)}", judged.axis)
+    missed = by_method(first, lambda row: share_of(row.unalerted, row.faulted_epochs), judged.axis)
+    accuracy = by_method(first, lambda row: f"{metres(row.up_rms_m)} m rms, {metres(row.up_95_m)} m 95 %", judged.axis)
     up = paper[(paper.direction == "U") & (paper.statistic == "rms")].iloc[0]
     ranges = groups.up_rms_m.agg(["min", "max"]).reset_index().itertuples()
-    spread = by_method(ranges, lambda row: f"{metres(row.min)} to {metres(row.max)} m")
+    spread = by_method(ranges, lambda row: f"{metres(row.min)} to {metres(row.max)} m", judged.axis)
     draws = redraws.redraw.nunique()
     of = _drawn(experiment) if isinstance(experiment.faults, GivenFaults) else "satellites, sizes and noise"
     return (
-        f"Alarms under the injected faults: {alarms} epochs; vertical error beyond the alert limit "
-        f"without alarm: {missed}.",
+        f"Alarms under the injected faults: {alarms} epochs; {' or '.join(one.error for one in judged.called)} beyond "
+        f"{'the' if len(judged.called) == 1 else 'its'} alert limit without alarm: {missed}.",
         f"Vertical errors over all epochs: {accuracy} (the paper: {metres(up.paper_before_m)} and "
         f"{metres(up.paper_after_m)} m rms).",
         f"Over {draws} draws of {of} the vertical error ranges from (rms) {spread}."
@@ -291,44 +293,49 @@ def _drawn(experiment: SeriesExperiment) -> str:
     return what + noise if noise else what.replace(", ", " and ")
 
 
-def _alarms(table: pd.DataFrame, val_m: float) -> TextTable:
+def _alarms(table: pd.DataFrame, judged: Judged) -> TextTable:
     rows = []
     for faulted, where in ((True, "in windows"), (False, "outside")):
         for method, group in table[table.faulted == faulted].groupby("method", sort=False):
-            beyond = group.available & (group.up_m.abs() > group.vpl_m)
-            unalerted = (group.up_m.abs() > val_m) & ~group.alarm
+            beyond = group.available & beyond_level(group, judged)
+            unalerted = beyond_limit(group, judged) & ~group.alarm
             shares = map(share_text, (group.alarm, beyond, unalerted))
             cells = [where, short_label(str(method)), len(group), (~group.available).sum(), *shares]
-            rows.append([*cells, metres(group.vpl_m.median()), metres(group.vpl_m.max())])
+            levels = [group[f"{pl}_m"] for pl, _, _ in judged.levels]
+            rows.append([*cells, *(metres(value) for level in levels for value in (level.median(), level.max()))])
+    level, limit = beyond_words(judged)
     header = [
-        "epochs", "method", "number", "unavailable", "alarms", "U beyond VPL", "U beyond VAL, no alarm",
-        "median VPL [m]", "largest VPL [m]",
+        "epochs", "method", "number", "unavailable", "alarms", level, f"{limit}, no alarm",
+        *(f"{what} {name} [m]" for _, name, _ in judged.levels for what in ("median", "largest")),
     ]  # fmt: skip
     return TextTable.of(header, rows)
 
 
-def _redraws(redraws: pd.DataFrame) -> str:
+def _redraws(redraws: pd.DataFrame, judged: Judged) -> str:
+    beyond = judged.beyond_limit.replace("vertical error", "U").replace("horizontal error", "H")
     parts = []
     for method, group in redraws.groupby("method", sort=False):
         alarms, unalerted = group.alarms / group.faulted_epochs, group.unalerted / group.faulted_epochs
         hidden = int((group.unalerted > 0).sum())
         parts.append(
             f"{short_label(str(method))} alarms at {percent(alarms.min())} to {percent(alarms.max())} % (median "
-            f"{percent(alarms.median())} %), and |U| > VAL without alarm in {hidden} of them"
+            f"{percent(alarms.median())} %), and {beyond} without alarm in {hidden} of them"
             + (f", at up to {percent(unalerted.max())} %" if hidden else "")
         )
     return "; ".join(parts)
 
 
-def _fault_free(table: pd.DataFrame) -> str:
-    levels = table[~table.faulted].pivot(index="epoch", columns="method", values="vpl_m").dropna()
+def _fault_free(table: pd.DataFrame, name: str) -> str:
+    """How near the two methods' levels of a name are without faults; the paper has vertical ones alone."""
+    levels = table[~table.faulted].pivot(index="epoch", columns="method", values=f"{name.lower()}_m").dropna()
     if not len(levels):
         return "No epoch is without a fault."
     plain, robust = table.method.unique()
     ratio = (levels[robust] / levels[plain]).to_numpy()
     same = int((np.abs(ratio - 1) < SAME_RATIO).sum())
     return (
-        f"Without faults the paper finds both VPL alike. Here they agree to {SAME_RATIO:g} in {same} of "
-        f"{ratio.size} fault-free epochs, {counted_rate(same, ratio.size)}; the median of VPL_R / VPL is "
+        f"Without faults {'the paper finds both VPL alike. Here they' if name == 'VPL' else f'both {name}'} agree to "
+        f"{SAME_RATIO:g} in {same} of "
+        f"{ratio.size} fault-free epochs, {counted_rate(same, ratio.size)}; the median of {name}_R / {name} is "
         f"{np.median(ratio):.3f}, since IGG-III reweights good data too."
     )

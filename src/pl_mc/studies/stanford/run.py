@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterator, Mapping
 from contextlib import suppress
 from functools import partial
-from typing import Any, ClassVar, Literal
+from typing import Any, Literal
 
 import numpy as np
 import pandas as pd
@@ -16,7 +16,7 @@ from matplotlib.patches import Polygon
 from numpy.typing import NDArray
 from pydantic import Field
 
-from pl_mc.alert import VERTICAL, Judged
+from pl_mc.alert import Judged
 from pl_mc.engine import Execution
 from pl_mc.engine.stanford import REGIONS, Grid, StanfordCounts, stanford_counts
 from pl_mc.faults import Faults, no_fault, ramps, require_satellite
@@ -27,7 +27,7 @@ from pl_mc.report.figures import DASHED, in_common_look, method_label, new_figur
 from pl_mc.report.findings import Findings, Picture, Table
 from pl_mc.report.text import by_method, method_key, row_rate
 from pl_mc.studies.fault_fields import ListedFaults, RampSizes, SizesOrFaults
-from pl_mc.studies.spec import ByAxes, Distinct, SimulatedGeometry, scaled_noise
+from pl_mc.studies.spec import ByOneLevel, Distinct, SimulatedGeometry, scaled_noise
 from pl_mc.studies.study import Check, Work, refuse
 
 # The regions that are parts of the plane.
@@ -48,7 +48,7 @@ _MISLEADING, _HAZARDOUS, _UNAVAILABLE = "#FBE7D3", "#F3C6AE", "0.93"
 _COLOURS = "viridis_r"
 
 
-class StanfordExperiment(ByAxes):
+class StanfordExperiment(ByOneLevel):
     """Scenarios of a series, put into cells.
 
     Attributes:
@@ -59,9 +59,6 @@ class StanfordExperiment(ByAxes):
         satellites: satellites that get the ramp, one at a time; all of the geometry unless given.
         reach_m, cell_m: where the cells end, and how wide they are [m].
     """
-
-    most_axes: ClassVar[int] = 1
-    takes_either: ClassVar[bool] = False
 
     kind: Literal["stanford"] = "stanford"
     draws: int = Field(ge=1)
@@ -75,7 +72,7 @@ class StanfordExperiment(ByAxes):
 
 def run(experiment: StanfordExperiment, execution: Execution) -> Findings:
     """Counts by cell and by region, and the diagram."""
-    (judged,), grid = experiment.judged(), Grid(experiment.reach_m, experiment.cell_m)
+    judged, grid = experiment.decides, Grid(experiment.reach_m, experiment.cell_m)
     ((_, _, limit_m),) = judged.levels
     grid.require_limit(limit_m)
     g = scaled_noise(experiment.geometry.build(), experiment.noise_scale)
@@ -84,10 +81,7 @@ def run(experiment: StanfordExperiment, execution: Execution) -> Findings:
         methods=experiment.method_records(), alert=judged.alert, grid=grid, axis=judged.axis,
         precision=experiment.precision, workers=execution.workers, progress=execution.progress,
     )  # fmt: skip
-    regions, cells = counts.regions(), counts.cells()
-    if judged.axis != VERTICAL or experiment.asked_axes() is not None:
-        for table in (regions, cells):
-            table.insert(1, "axis", judged.axis)
+    regions, cells = (experiment.with_axis(table) for table in (counts.regions(), counts.cells()))
     plane = counts.counts[:, :_IN_PLANE].sum(axis=1)
     return Findings(
         summary=summary(experiment, g, counts, regions),
@@ -117,7 +111,7 @@ def checks(experiment: StanfordExperiment, g: Geometry | None) -> Iterator[Check
     """The plane holds the alert limit, and satellites have a ramp."""
     # Wrong limits are told of as such.
     with suppress(InputError):
-        ((_, _, limit_m),) = experiment.judged()[0].levels
+        ((_, _, limit_m),) = experiment.decides.levels
         yield "reach_m", lambda: Grid(experiment.reach_m, experiment.cell_m).require_limit(limit_m)
     if not isinstance(experiment.faults, RampSizes) and experiment.satellites:
         yield "satellites", lambda: refuse("they get a ramp, which faults has to give.")
@@ -138,7 +132,7 @@ def _faults(experiment: StanfordExperiment, g: Geometry) -> Faults:
 
 def summary(experiment: StanfordExperiment, g: Geometry, counts: StanfordCounts, regions: pd.DataFrame) -> Summary:
     """The blocks of the summary; ``regions`` is the table of that name."""
-    (judged,), sizes = experiment.judged(), experiment.faults
+    judged, sizes = experiment.decides, experiment.faults
     (called,) = judged.called
     by_region = regions.set_index(["region", "method"])
     rows = []
@@ -170,7 +164,7 @@ def summary(experiment: StanfordExperiment, g: Geometry, counts: StanfordCounts,
 
 def answer(tables: Mapping[str, pd.DataFrame], experiment: StanfordExperiment) -> tuple[str, ...]:
     """How often misleading, hazardously misleading and unavailable."""
-    rows, (judged,) = list(tables["regions"].itertuples()), experiment.judged()
+    rows, judged = list(tables["regions"].itertuples()), experiment.decides
     (called,) = judged.called
 
     def in_rate(row: Any) -> str:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterator, Mapping, Sequence
-from typing import Annotated, Any, ClassVar, Literal
+from typing import Annotated, Any, Literal
 
 import numpy as np
 import pandas as pd
@@ -21,7 +21,7 @@ from pl_mc.report.findings import Findings, Table
 from pl_mc.report.text import metres, rate_text, row_rate, span
 from pl_mc.runtime.progress import with_progress
 from pl_mc.statistics import ls_quantities
-from pl_mc.studies.spec import ByAxes, NamedChoice, SimulatedGeometry
+from pl_mc.studies.spec import ByOneLevel, NamedChoice, SimulatedGeometry
 from pl_mc.studies.study import Check, Work, refuse
 from pl_mc.studies.time_ramps.figures import alert_figure, late_figure, same_methods
 from pl_mc.time_ramps import sequential, time_to_alert
@@ -49,7 +49,7 @@ class SequentialChoice(NamedChoice):
         return sequential(self.name, **self.options)
 
 
-class TimeRampsExperiment(ByAxes):
+class TimeRampsExperiment(ByOneLevel):
     """Ramps of several rates on one satellite over a pass, at equal false-alarm rates; see `pl_mc.time_to_alert`.
 
     Attributes:
@@ -64,9 +64,6 @@ class TimeRampsExperiment(ByAxes):
         calibration_draws: fault-free passes for the thresholds, and as many to count false alarms.
         p_fa: false-alarm probability of a pass, the same for every method.
     """
-
-    most_axes: ClassVar[int] = 1
-    takes_either: ClassVar[bool] = False
 
     kind: Literal["time-ramps"] = "time-ramps"
     geometry: SimulatedGeometry
@@ -89,8 +86,7 @@ class TimeRampsExperiment(ByAxes):
 
 def run(experiment: TimeRampsExperiment, execution: Execution) -> Findings:
     """Times to alert at every rate and correlation time, and the geometry through the pass."""
-    g, (judged,), tests = experiment.geometry.build(), experiment.judged(), experiment.tests()
-    axis: Literal["vertical", "horizontal"] = "vertical" if judged.axis == VERTICAL else "horizontal"
+    g, judged, tests, axis = experiment.geometry.build(), experiment.decides, experiment.tests(), experiment.level_axis
     taus = with_progress(
         iter(experiment.taus_s), total=len(experiment.taus_s), what="Correlation times", show=execution.progress
     )
@@ -219,7 +215,7 @@ def summary(table: pd.DataFrame, geometry: pd.DataFrame, experiment: TimeRampsEx
         geometry: the faulted satellite through the pass.
         experiment: the record.
     """
-    first, (judged,), p_fa = table.iloc[0], experiment.judged(), experiment.p_fa
+    first, judged, p_fa = table.iloc[0], experiment.decides, experiment.p_fa
     (called,) = judged.called
     low, high, passes = geometry.slope_m.min(), geometry.slope_m.max(), int(first.false_alarm_passes)
     seen, redundant = (span(part.min(), part.max(), " to ") for part in (geometry.satellites, geometry.redundant))
@@ -290,7 +286,7 @@ def answer(tables: Mapping[str, pd.DataFrame], experiment: TimeRampsExperiment) 
     table = comparable(tables["time_to_alert"])
     tau = float(table.tau_s.max())
     rows = table[(table.tau_s == tau) & (table.hazards > 0)]
-    first, (judged,) = table.iloc[0], experiment.judged()
+    first, judged = table.iloc[0], experiment.decides
     (called,), ((_, _, limit),) = judged.called, judged.levels
     passes = f"{int(first.false_alarm_passes):,}"
     sentences = [

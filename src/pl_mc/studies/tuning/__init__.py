@@ -1,7 +1,7 @@
 """Limits of IGG-III that cost least at a given risk, beside the default and least squares."""
 
 from pl_mc.studies.study import Study
-from pl_mc.studies.tuning.record import TuningExperiment
+from pl_mc.studies.tuning.record import TuningExperiment, checks
 from pl_mc.studies.tuning.run import run, work
 from pl_mc.studies.tuning.text import answer
 
@@ -11,5 +11,6 @@ STUDY = Study(
     run=run,
     answer=answer,
     work=work,
+    checks=checks,
     with_faults=lambda content, texts: {"faults": texts},
 )

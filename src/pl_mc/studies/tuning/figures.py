@@ -7,7 +7,7 @@ import pandas as pd
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
-from pl_mc.alert import AlertLimits
+from pl_mc.alert import Judged
 from pl_mc.report.figures import (
     DOTTED,
     SeriesStyle,
@@ -24,6 +24,7 @@ _LABELS = {
     "exact": "least squares, exact",
     "start": "IGG-III, default limits",
     "vpl": f"IGG-III, tuned for the {PRICES['vpl']}",
+    "hpl": f"IGG-III, tuned for the {PRICES['hpl']}",
     "alarms": f"IGG-III, tuned for {PRICES['alarms']}",
 }
 # Alarm rates below this are not drawn.
@@ -31,34 +32,35 @@ _SMALLEST = 1e-7
 
 
 @in_common_look
-def tuning_figure(table: pd.DataFrame, *, alert: AlertLimits, title: str) -> Figure:
+def tuning_figure(table: pd.DataFrame, *, judged: Judged, title: str) -> Figure:
     """Mean level and fault-free alarms of least squares, the default and the tuned limits, target by target."""
-    targets, val = list(dict.fromkeys(table.target)), f"VAL {alert.vertical_m:g} m"
+    targets, limit, ((pl, level, limit_m),) = list(dict.fromkeys(table.target)), judged.limits(), judged.levels
+    labels = {name: label for name, label in _LABELS.items() if name not in ("vpl", "hpl") or name == pl}
     figure, (left, right) = new_figure(
         1, 2, width_in=9.6, height_in=1.6 + 1.35 * len(targets), title=title, sharey=True
     )
     kind = table.limits.where(table.limits != "tuned", table.tuned_for)
     for k, target in enumerate(targets):
-        for j, (name, label) in enumerate(_LABELS.items()):
+        for j, (name, label) in enumerate(labels.items()):
             rows = table[(table.target == target) & (kind == name)]
-            if rows.empty or np.isnan(rows.k_vertical.iloc[0]):
+            if rows.empty or np.isnan(rows[f"k_{judged.axis}"].iloc[0]):
                 continue
             row, style, place = rows.iloc[0], series_style(j), k + 0.19 * (j - 1.5)
-            left.plot(row.vpl_m, place, style.marker, color=style.colour, linestyle="none", label=label)
+            left.plot(row[f"{pl}_m"], place, style.marker, color=style.colour, linestyle="none", label=label)
             limits = "" if name == "exact" else f", k0 {row.k0:.2f}, k1 {row.k1:.1f}"
-            text = f"K {row.k_vertical:.3g}{limits}"
-            note(left, text, (row.vpl_m, place), shift=(7, 0), va="center", color=style.colour)
+            text = f"K {row[f'k_{judged.axis}']:.3g}{limits}"
+            note(left, text, (row[f"{pl}_m"], place), shift=(7, 0), va="center", color=style.colour)
             _alarm(right, row, place, style)
-    left.axvline(alert.val_m, **DOTTED)
+    left.axvline(limit_m, **DOTTED)
     note(
-        left, val, (alert.vertical_m, 1.0), shift=(-3, -2), xycoords=("data", "axes fraction"), ha="right",
+        left, limit, (limit_m, 1.0), shift=(-3, -2), xycoords=("data", "axes fraction"), ha="right",
         va="top", color="0.15",
     )  # fmt: skip
     left.set_yticks(range(len(targets)), [f"{target:g}" for target in targets])
-    left.set(ylabel="risk that is kept", xlabel="mean VPL, fault-free [m]", ylim=(len(targets) - 0.45, -0.55))
-    left.set_xlim(0.0, 1.6 * float(np.nanmax(table.vpl_m)))
+    left.set(ylabel="risk that is kept", xlabel=f"mean {level}, fault-free [m]", ylim=(len(targets) - 0.45, -0.55))
+    left.set_xlim(0.0, 1.6 * float(np.nanmax(table[f"{pl}_m"])))
     right.set_xscale("log")
-    right.set(xlabel=f"P(alarm), fault-free, {val}", xlim=(_SMALLEST, 1.5))
+    right.set(xlabel=f"P(alarm), fault-free, {limit}", xlim=(_SMALLEST, 1.5))
     legend_below(figure, [left], columns=2)
     return figure
 

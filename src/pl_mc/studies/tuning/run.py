@@ -9,27 +9,32 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 from dataclasses import replace
+from typing import Any
 
 import numpy as np
 import pandas as pd
 
+from pl_mc.alert import VERTICAL
 from pl_mc.engine import Execution
 from pl_mc.faults import Faults, no_fault
 from pl_mc.geometry import Geometry
 from pl_mc.input_errors import InputError
 from pl_mc.integrity_risk.k_factor.calibrate import calibrate
+from pl_mc.integrity_risk.k_factor.calibrated import exact_rates
+from pl_mc.integrity_risk.tuning.objective import LEVEL
 from pl_mc.integrity_risk.tuning.tune import tune
 from pl_mc.integrity_risk.worst.worst_case import worst_case
 from pl_mc.methods import Igg3, Ls
+from pl_mc.methods.capabilities import with_k
 from pl_mc.report.findings import Findings, Picture, Table
 from pl_mc.runtime.progress import with_progress
 from pl_mc.runtime.threads import cores, in_order
-from pl_mc.statistics import ls_quantities, ls_rates
+from pl_mc.statistics import ls_quantities
 from pl_mc.studies.fault_fields import ListedFaults
 from pl_mc.studies.study import Work
 from pl_mc.studies.tuning.figures import tuning_figure
-from pl_mc.studies.tuning.record import ObjectiveName, TuningExperiment
-from pl_mc.studies.tuning.text import judged, summary
+from pl_mc.studies.tuning.record import TuningExperiment
+from pl_mc.studies.tuning.text import each_once, summary
 
 # Scenarios a second on two cores, from the seconds in the manifest of the shipped experiment.
 _SCENARIOS_PER_S = 6.0e5
@@ -37,7 +42,7 @@ _SCENARIOS_PER_S = 6.0e5
 
 def run(experiment: TuningExperiment, execution: Execution) -> Findings:
     """Limits by target and objective, the figure and, where they are asked for, the worst faults."""
-    g, alert = experiment.geometry.one_epoch(), experiment.alert_limits()
+    g, judged = experiment.geometry.one_epoch(), experiment.decides
     records = experiment.method_records()
     robust = [record for record in records if type(record) is Igg3]
     plain = [record for record in records if isinstance(record, Ls)]
@@ -47,32 +52,35 @@ def run(experiment: TuningExperiment, execution: Execution) -> Findings:
     if experiment.worst and experiment.event != "misleading":
         raise InputError("worst: the worst fault can be sought for the event misleading, not for exceeded.")
 
-    def tuned(task: tuple[float, ObjectiveName]) -> pd.DataFrame:
+    def tuned(task: tuple[float, Any]) -> pd.DataFrame:
         target, objective = task
         table = tune(
             g, method=robust[0], target=target, objective=objective, event=experiment.event, faults=faults,
-            alert=alert, draws=experiment.draws, confidence=experiment.confidence, seed=experiment.seed,
-            steps=experiment.steps, grid=0, search_draws=experiment.search_draws,
-            target_cov=experiment.target_cov, max_evaluations=experiment.max_evaluations,
+            alert=judged.alert, axis=experiment.level_axis, draws=experiment.draws,
+            confidence=experiment.confidence, seed=experiment.seed, steps=experiment.steps, grid=0,
+            search_draws=experiment.search_draws, target_cov=experiment.target_cov,
+            max_evaluations=experiment.max_evaluations,
         )  # fmt: skip
         table.attrs = {}
-        return table.assign(method=robust[0].name, target=target, tuned_for=objective)
+        return table.drop(columns="axis").assign(method=robust[0].name, target=target, tuned_for=objective)
 
-    tasks = [(target, objective) for target in experiment.targets for objective in experiment.objectives]
+    tasks = [(target, objective) for target in experiment.targets for objective in experiment.aims()]
     threads = cores() if execution.workers is None else execution.workers
     results = in_order(tuned, tasks, threads)
     parts = [_least_squares(g, record, experiment, faults) for record in plain]
     parts += [part for _, part in with_progress(results, total=len(tasks), what="Tuning", show=execution.progress)]
     whole = pd.concat(parts, ignore_index=True)
     front = ["target", "tuned_for", "method", "limits"]
-    table = whole[[*front, *(name for name in whole if name not in front)]]
-    worst = _worst_faults(g, table, robust[0], plain, experiment) if experiment.worst else None
+    table = experiment.with_axis(whole[[*front, *(name for name in whole if name not in front)]])
+    worst = None
+    if experiment.worst:
+        worst = experiment.with_axis(_worst_faults(g, table, robust[0], plain, experiment), behind="limits")
     return Findings(
         summary=summary(table, worst, experiment, g, faults),
         tables=(Table("tuned", table), *(() if worst is None else (Table("worst", worst),))),
         pictures=(
             Picture(
-                "tuning", tuning_figure(table, alert=alert, title=experiment.title),
+                "tuning", tuning_figure(table, judged=judged, title=experiment.title),
                 "Mean level and fault-free alarms of default and tuned limits, each with the multiplier it needs.",
             ),
         ),
@@ -88,7 +96,7 @@ def work(experiment: TuningExperiment) -> Work:
         descents = 4 * 15 * 4 * (faults + 1) * experiment.search_draws
         counted = target * experiment.draws >= 20
         judgements = 4 * faults * (experiment.draws if counted else experiment.max_evaluations / 2)
-        number += len(experiment.objectives) * (proposals + descents + judgements)
+        number += len(experiment.aims()) * (proposals + descents + judgements)
     return Work(None, number / _SCENARIOS_PER_S)
 
 
@@ -99,22 +107,20 @@ def _worst_faults(
 
     The multipliers keep the target under the faults of the experiment; what others do to it is asked here.
     """
-    limits = judged(table[table.target == min(experiment.targets)])
+    axis = experiment.level_axis
+    limits = each_once(table[table.target == min(experiment.targets)])
     parts = []
-    for row in limits[np.isfinite(limits.k_vertical)].itertuples():
-        k = float(row.k_vertical)
-        record: Igg3 | Ls = (
-            replace(plain[0], k_vertical=k)
-            if row.limits == "exact"
-            else replace(robust, k_vertical=k, k0=float(row.k0), k1=float(row.k1))
-        )
+    for row in limits[np.isfinite(limits[f"k_{axis}"])].to_dict("records"):
+        exact = row["limits"] == "exact"
+        chosen: Igg3 | Ls = plain[0] if exact else replace(robust, k0=float(row["k0"]), k1=float(row["k1"]))
+        record = with_k(chosen, float(row[f"k_{axis}"]), axis)
         for count in dict.fromkeys(experiment.worst):
             faults = worst_case(
                 g, method=record, satellites=count, event="misleading", alert=experiment.alert_limits(),
-                seed=experiment.seed, target_cov=experiment.target_cov,
+                axis=axis, seed=experiment.seed, target_cov=experiment.target_cov,
                 max_evaluations=experiment.max_evaluations,
             ).iloc[:1]  # fmt: skip
-            keys = {"target": row.target, "tuned_for": row.tuned_for, "limits": row.limits, "failed": count}
+            keys = {name: row[name] for name in ("target", "tuned_for", "limits")} | {"failed": count}
             kept = faults.reindex(columns=["fault", "probability", "low", "high", "warning"])
             parts.append(kept.assign(**keys)[[*keys, *kept]])
     return pd.concat(parts, ignore_index=True)
@@ -122,20 +128,23 @@ def _worst_faults(
 
 def _least_squares(g: Geometry, method: Ls, experiment: TuningExperiment, faults: Faults) -> pd.DataFrame:
     """Multiplier, mean level and alarms of least squares for every target, exact."""
-    rows, alert = [], experiment.alert_limits()
+    rows, alert, axis = [], experiment.alert_limits(), experiment.level_axis
     quantities = ls_quantities(g)
-    dof = int(quantities.dof)
+    dof, dop_m = int(quantities.dof), quantities.vdop_m if axis == VERTICAL else quantities.hdop_m
     # Mean of sqrt(chi-square / dof).
     mean_error = math.sqrt(2.0 / dof) * math.exp(math.lgamma((dof + 1) / 2.0) - math.lgamma(dof / 2.0))
     for target in experiment.targets:
-        needs = calibrate(g, method=method, target=target, faults=faults, event=experiment.event, alert=alert)
-        worst = needs.loc[needs["k_vertical"].idxmax()]
-        k = float(worst["k_vertical"])
+        needs = calibrate(
+            g, method=method, target=target, faults=faults, event=experiment.event, alert=alert, axis=axis
+        )
+        worst = needs.loc[needs[f"k_{axis}"].idxmax()]
+        k = float(worst[f"k_{axis}"])
         row = {"target": target, "tuned_for": "", "method": method.name, "limits": "exact"}
-        row |= dict.fromkeys(("k_vertical", "k_best", "k_low"), k)
-        row |= {"found": "exact", "vpl_m": k * float(quantities.vdop_m) * mean_error, "alarms": 0, "draws": 0}
-        alarm = ls_rates(g, no_fault(g), alert=alert, k_vertical=k)["alarm_rate"].iloc[0]
+        row |= dict.fromkeys((f"k_{axis}", "k_best", "k_low"), k)
+        row |= {"found": "exact", f"{LEVEL[axis]}_m": k * float(dop_m) * mean_error, "alarms": 0, "draws": 0}
+        rates = exact_rates(g, no_fault(g), method, alert, k, axis)
+        alarm = rates["alarm_rate"].iloc[0]
         row |= dict.fromkeys(("alarm_rate", "alarm_low", "alarm_high"), float(alarm))
         row |= dict.fromkeys(("risk", "risk_low", "risk_high"), float(worst["probability"]))
         rows.append(row | {"risk_fault": worst["fault"], "warning": ""})
-    return pd.DataFrame(rows).astype({"k_vertical": np.float64})
+    return pd.DataFrame(rows).astype({f"k_{axis}": np.float64})

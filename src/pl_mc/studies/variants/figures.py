@@ -8,7 +8,7 @@ import pandas as pd
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
-from pl_mc.alert import AlertLimits
+from pl_mc.alert import Judged
 from pl_mc.report.figures import DOTTED, SeriesStyle, in_common_look, new_figure, note, series_style
 from pl_mc.statistics.intervals import clopper_pearson
 
@@ -22,7 +22,7 @@ _EVENTS = ("alarm", "misleading")
 
 
 @in_common_look
-def variants_figure(rates: pd.DataFrame, faults: pd.DataFrame, *, alert: AlertLimits, title: str) -> Figure:
+def variants_figure(rates: pd.DataFrame, faults: pd.DataFrame, *, judged: Judged, title: str) -> Figure:
     """Alarm and misleading rates against the bias; a row of panels per group, two columns per class of faults.
 
     Rates of misleading information are on a logarithmic axis, where nothing seen has no place: there a curve stops,
@@ -32,7 +32,7 @@ def variants_figure(rates: pd.DataFrame, faults: pd.DataFrame, *, alert: AlertLi
         rates: of one geometry: ``group, variant, fault_class, bias_m, draws`` and the rates; an empty group is
             drawn in every panel.
         faults: of that geometry: ``epoch, fault_class, satellites``, the classes to draw, in order.
-        alert: alert limits.
+        judged: the axis with its limit.
         title: heading.
     """
     groups = [group for group in dict.fromkeys(rates.group) if group]
@@ -55,7 +55,7 @@ def variants_figure(rates: pd.DataFrame, faults: pd.DataFrame, *, alert: AlertLi
             *panels[0].get_legend_handles_labels(), loc="center left", bbox_to_anchor=(1.02, 0.5), borderaxespad=0.0
         )
     for first, last, (name, event) in zip(axes, axes[-len(columns) :], columns, strict=False):
-        what = f"P(alarm), VAL {alert.vertical_m:g} m" if event == "alarm" else "P(misleading)"
+        what = f"P(alarm), {judged.limits()}" if event == "alarm" else "P(misleading)"
         first.set_title(f"{name}, {satellites[name]}\n{what}", fontsize=9.5)
         last.set_xlabel("bias [m]")
         if event == "alarm":

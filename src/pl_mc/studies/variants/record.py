@@ -10,7 +10,7 @@ from pydantic import Field
 from pl_mc.input_errors import InputError
 from pl_mc.methods import Igg3, Method, as_methods, method
 from pl_mc.studies.fault_fields import RampSizes
-from pl_mc.studies.spec import Experiment, MethodChoice, SimulatedGeometry, Strict
+from pl_mc.studies.spec import ByOneLevel, MethodChoice, SimulatedGeometry, Strict
 
 # The variant that has nothing but defaults.
 DEFAULT = "default"
@@ -39,13 +39,14 @@ class Variant(Strict):
         return made
 
 
-class VariantsExperiment(Experiment):
+class VariantsExperiment(ByOneLevel):
     """Variants of IGG-III, with its defaults in front and ``methods`` beside.
 
     Attributes:
         draws: noise draws for each fault.
         weight_draws: draws, of those, whose weights are looked at.
-        geometry: a series, of which the epochs with the smallest and the largest VDOP (in metres) are taken.
+        geometry: a series, of which the epochs with the smallest and the largest VDOP (in metres) are taken; HDOP where
+            the horizontal limit decides.
         faults: sizes of the ramps.
     """
 

@@ -12,6 +12,7 @@ from dataclasses import asdict, dataclass
 import numpy as np
 import pandas as pd
 
+from pl_mc.alert import VERTICAL
 from pl_mc.engine import Execution
 from pl_mc.engine.swamping import WATCHED, watch_weights
 from pl_mc.engine.table import COUNT_COLUMNS, with_rates
@@ -45,7 +46,7 @@ class FaultClass:
         name: ``none``, ``median redundancy``, ``largest influence`` or ``double``.
         epoch: number of the epoch.
         satellites: the faulted ones; each gets the whole bias.
-        vertical: vertical error of least squares per metre of bias [m/m].
+        moved: error of least squares per metre of bias, on the axis that decides [m/m].
         redundancy: redundancy numbers of the satellites.
         faults: the faults, over the satellites of the series.
         sizes_m: their biases [m].
@@ -55,7 +56,7 @@ class FaultClass:
     name: str
     epoch: int
     satellites: tuple[str, ...]
-    vertical: float
+    moved: float
     redundancy: tuple[float, ...]
     faults: Faults
     sizes_m: tuple[float, ...]
@@ -71,14 +72,15 @@ def _planned(experiment: VariantsExperiment) -> tuple[PlannedSweep, tuple[FaultC
     series = experiment.geometry.build()
     if not series.is_series or len(series) < 2:
         raise InputError("geometry.epochs: a series of at least two epochs is needed, without geometry.epoch.")
-    strong, weak = strongest_and_weakest(series)
+    axis = experiment.decides.axis
+    strong, weak = strongest_and_weakest(series, axis)
     # Epochs in order of time, whichever is the stronger one.
     first, last = min(strong, weak), max(strong, weak)
     both = series[first : last + 1 : last - first]
     sizes_m = tuple(map(float, ramp_sizes_m(**experiment.faults.model_dump())))
     classes = (
-        *fault_classes(series[strong], both, STRONGEST, sizes_m),
-        *fault_classes(series[weak], both, WEAKEST, sizes_m),
+        *fault_classes(series[strong], both, STRONGEST, sizes_m, axis),
+        *fault_classes(series[weak], both, WEAKEST, sizes_m, axis),
     )
     # Faults that both epochs have in common are counted once.
     rows = {label: bias_m for of in classes for label, bias_m in zip(of.faults.labels, of.faults.bias_m, strict=True)}
@@ -86,47 +88,53 @@ def _planned(experiment: VariantsExperiment) -> tuple[PlannedSweep, tuple[FaultC
     return PlannedSweep("sweep", both, every, experiment.draws), classes
 
 
-def strongest_and_weakest(g: Geometry) -> tuple[int, int]:
-    """Places in a series of the smallest and the largest VDOP of least squares [m], sqrt(Q_UU)."""
+def strongest_and_weakest(g: Geometry, axis: str = VERTICAL) -> tuple[int, int]:
+    """Places in a series of the smallest and the largest VDOP of least squares [m], sqrt(Q_UU), or HDOP."""
     quantities = ls_quantities(g)
     usable = np.flatnonzero(quantities.available)
     if usable.size == 0:
         raise InputError("geometry: no epoch has more satellites than unknowns; at least one is needed.")
-    vdop = quantities.vdop_m[usable]
-    strong, weak = int(usable[vdop.argmin()]), int(usable[vdop.argmax()])
+    dop_m = (quantities.vdop_m if axis == VERTICAL else quantities.hdop_m)[usable]
+    strong, weak = int(usable[dop_m.argmin()]), int(usable[dop_m.argmax()])
     if strong == weak:
         raise InputError("geometry: all epochs are equally strong; a series that changes is needed.")
     return strong, weak
 
 
-def fault_classes(g: Geometry, series: Geometry, name: str, sizes_m: tuple[float, ...]) -> tuple[FaultClass, ...]:
+def fault_classes(
+    g: Geometry, series: Geometry, name: str, sizes_m: tuple[float, ...], axis: str = VERTICAL
+) -> tuple[FaultClass, ...]:
     """The classes of faults of one epoch.
 
     One satellite: that with the median redundancy number (the lower of two middle ones), and that with the largest
     effect on the vertical, |s_i|, s the vertical row of N^-1 A' P. Two satellites with the same bias: the pair with
-    the largest |s_i + s_j|, whose effects therefore agree in sign.
+    the largest |s_i + s_j|, whose effects therefore agree in sign. Horizontally s has two rows, and |.| is a length.
 
     Args:
         g: the epoch.
         series: a series with that epoch in it, over whose satellites the faults are made.
         name: what the epoch is called.
         sizes_m: the biases [m].
+        axis: whose error counts.
     """
     quantities = ls_quantities(g)
-    gain, redundancy = quantities.gain, quantities.redundancy
+    redundancy = quantities.redundancy
+    gains = quantities.gain[None] if axis == VERTICAL else quantities.horizontal_gain
+    reach = np.linalg.norm(gains, axis=0)
     order = sorted(range(len(g.names)), key=lambda k: (redundancy[k], g.names[k]))
-    pairs = np.abs(gain[:, None] + gain[None, :])
-    pairs[np.tril_indices(len(gain))] = -1.0
+    pairs = np.linalg.norm(gains[:, :, None] + gains[:, None, :], axis=0)
+    pairs[np.tril_indices(len(reach))] = -1.0
     chosen: dict[str, tuple[int, ...]] = {
         NONE: (),
         MEDIAN: (order[(len(order) - 1) // 2],),
-        INFLUENCE: (int(np.abs(gain).argmax()),),
+        INFLUENCE: (int(reach.argmax()),),
         DOUBLE: tuple(int(k) for k in np.unravel_index(pairs.argmax(), pairs.shape)),
     }
     made = []
     for what, rows in chosen.items():
         names = tuple(g.names[k] for k in rows)
         bias = np.zeros((len(sizes_m), len(series.names)))
+        moved = gains[:, list(rows)].sum(axis=1)
         bias[:, [series.names.index(satellite) for satellite in names]] = np.reshape(sizes_m, (-1, 1))
         made.append(
             FaultClass(
@@ -134,7 +142,7 @@ def fault_classes(g: Geometry, series: Geometry, name: str, sizes_m: tuple[float
                 name=what,
                 epoch=int(g.epoch),
                 satellites=names,
-                vertical=float(sum(gain[k] for k in rows)),
+                moved=float(moved[0] if axis == VERTICAL else np.linalg.norm(moved)),
                 redundancy=tuple(float(redundancy[k]) for k in rows),
                 faults=Faults.from_array(series, bias) if names else no_fault(series),
                 sizes_m=sizes_m if names else (0.0,),
@@ -155,13 +163,14 @@ def run(experiment: VariantsExperiment, execution: Execution) -> Findings:
     cases = legend.merge(faults, how="cross")
     variants = cases.merge(rates, on=keys, how="left", validate="m:1")
     assert variants.draws.notna().all()
+    variants, worst = (experiment.with_axis(table) for table in (variants, worst_table(variants)))
     swamping = _weights(experiment, planned, faults, legend)
-    described = _describe(classes)
+    described = _describe(classes, experiment.decides.axis)
     return Findings(
         summary=summary(experiment, variants, swamping, described, default=_default_options()),
         tables=(
             Table("variants", variants, chart=_chart("Rates of events against the bias", event_quantities())),
-            Table("worst", worst_table(variants)),
+            Table("worst", worst),
             Table("swamping", swamping, chart=_chart("What the weights did against the bias", _OF_WEIGHTS)),
             Table("faults", described),
         ),
@@ -170,7 +179,7 @@ def run(experiment: VariantsExperiment, execution: Execution) -> Findings:
                 f"variants_{geometry}",
                 variants_figure(
                     *(table[table.geometry == geometry] for table in (variants, described)),
-                    alert=experiment.alert_limits(),
+                    judged=experiment.decides,
                     title=f"{experiment.title}: {geometry} geometry",
                 ),
                 f"Every variant at the {geometry} geometry: rates against the bias.",
@@ -210,7 +219,7 @@ def _faults_in_order(classes: tuple[FaultClass, ...]) -> pd.DataFrame:
     return pd.DataFrame(rows, columns=["geometry", "epoch", "fault_class", "fault", "bias_m"])
 
 
-def _describe(classes: tuple[FaultClass, ...]) -> pd.DataFrame:
+def _describe(classes: tuple[FaultClass, ...], axis: str) -> pd.DataFrame:
     """What is faulted, and what least squares makes of a metre of it."""
     faulted = [of for of in classes if of.satellites]
     return pd.DataFrame(
@@ -219,7 +228,7 @@ def _describe(classes: tuple[FaultClass, ...]) -> pd.DataFrame:
             "epoch": [of.epoch for of in faulted],
             "fault_class": [of.name for of in faulted],
             "satellites": [" ".join(of.satellites) for of in faulted],
-            "vertical_metres_per_metre": [of.vertical for of in faulted],
+            f"{axis}_metres_per_metre": [of.moved for of in faulted],
             "redundancy": [" ".join(map("{:.4f}".format, of.redundancy)) for of in faulted],
         }
     )
@@ -231,6 +240,6 @@ def _default_options() -> str:
     meant = {"iterations": settled.solutions, "acceleration": "aitken" if settled.accelerated else "none"}
     varied = {name: value for name, value in (asdict(Igg3()) | meant).items() if not name.startswith("k_")}
     return ", ".join(
-        f"{name.replace('_', ' ')} {value:g}" if isinstance(value, float) else f"{name} {value}"
+        f"{name.replace('_', ' ')} {value:g}" if isinstance(value, float) else f"{name.replace('_', ' ')} {value}"
         for name, value in varied.items()
     )

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
+from typing import Any
 
 import pandas as pd
 
@@ -55,7 +56,7 @@ def answer(tables: Mapping[str, pd.DataFrame], experiment: VariantsExperiment) -
             most, least = others[rate].idxmax(), others[rate].idxmin()
             parts.append(f"most of the others {most} with {_at(others.loc[most], event)}")
             parts.append(f"least {least} with {_at(others.loc[least], event)}")
-        means = experiment.judged()[0].means(event)
+        means = experiment.decides.means(event)
         sentences.append(f"{means}, at the worst bias of any fault: {'; '.join(parts)}.")
     return tuple(sentences)
 
@@ -75,12 +76,12 @@ def summary(
         variants, swamping, faults: the tables of the experiment.
         default: the options of the variant that is called so.
     """
-    alert = experiment.alert_limits()
+    judged = experiment.decides
     blocks: list[Block] = [
         Paragraph(
             f"{int(variants.draws.iloc[0]):,} noise draws a bias, the same for every variant, seed "
-            f"{experiment.seed}; {int(swamping.draws.iloc[0]):,} of them for the weights. {alert.name}, VAL "
-            f"{alert.vertical_m:g} m. 95 % Clopper-Pearson bounds. The default: {default}."
+            f"{experiment.seed}; {int(swamping.draws.iloc[0]):,} of them for the weights. {judged.alert.name}, "
+            f"{judged.limits()}. 95 % Clopper-Pearson bounds. The default: {default}."
         ),
         Bullets(tuple(_fault_line(part) for _, part in faults.groupby("geometry", sort=False))),
         Heading("What is found"),
@@ -89,7 +90,7 @@ def summary(
     gated = list(dict.fromkeys(variants.variant[variants.method.str.startswith("igg3_gated")]))
     if gated:
         blocks += [
-            Heading("A chi-square gate on top of VPL_R"),
+            Heading(f"A chi-square gate on top of {judged.called[0].level}_R"),
             _gate_table(variants, gated),
             Paragraph(
                 "The gate rejects where its square sum exceeds the chi-square threshold of n - t degrees of "
@@ -131,11 +132,16 @@ def _at(row: pd.Series, event: str) -> str:
 def _fault_line(faults: pd.DataFrame) -> str:
     parts = [
         f"{row.fault_class}: {row.satellites.replace(' ', ' and ')} (r {row.redundancy.replace(' ', ' and ')}, "
-        f"{row.vertical_metres_per_metre:+.2f} m vertical per metre)"
+        f"{_per_metre(row)} per metre)"
         for row in faults.itertuples()
     ]
     geometry, epoch = str(faults.geometry.iloc[0]), int(faults.epoch.iloc[0])
     return f"{geometry.capitalize()} geometry, epoch {epoch}: {'; '.join(parts)}."
+
+
+def _per_metre(row: Any) -> str:
+    sideways = getattr(row, "horizontal_metres_per_metre", None)
+    return f"{row.vertical_metres_per_metre:+.2f} m vertical" if sideways is None else f"{sideways:.2f} m horizontal"
 
 
 def _failures(variants: pd.DataFrame, swamping: pd.DataFrame) -> list[str]:
