@@ -129,6 +129,8 @@ def observe(
     val: Limit = None,
     hal: Limit = None,
     axes: str | None = None,
+    claims: Annotated[tuple[Path, ...], Several] = (),
+    claim_multiplier: Limit = None,
     out: Path | None = None,
     output: Output = _DEFAULT,
 ) -> None:
@@ -143,7 +145,7 @@ def observe(
     navigation
         RINEX 2, 3 or 4 navigation files with broadcast ephemerides of that day, one or several.
     truth
-        The true position: `X,Y,Z` Earth-fixed [m], or a CSV file with a track.
+        The true position: `X,Y,Z` Earth-fixed [m], or a file with a track: CSV, a `.pos` of RTKLIB, an NMEA log.
     systems
         Systems to use, RINEX letters: G (GPS), E (Galileo), C (BeiDou), R (GLONASS), J (QZSS), such as `G,E`;
         those of the first three that the files have unless given.
@@ -166,6 +168,11 @@ def observe(
         Vertical and horizontal alert limit [m], one or both; those of LPV-200 unless given.
     axes
         Which limit decides: vertical, horizontal or either; the vertical one, where it is given, unless told.
+    claims
+        A file in which the receiver or a program says how good its positions are, judged beside the methods: a `.pos`
+        of RTKLIB, an NMEA log with GST, a CSV file; repeatable. See docs/how-to/receiver.md.
+    claim_multiplier
+        What makes a claimed standard deviation a protection level; 6.18 horizontally and 5.33 vertically unless given.
     out
         Results folder; `runs/observe-NAME` unless given. An earlier result there is replaced.
     """
@@ -187,6 +194,8 @@ def observe(
         "ionosphere": ionosphere,
         "faults": fault,
         "methods": [_method(text) for text in method],
+        "claims": claims,
+        "claim_multiplier": claim_multiplier,
         **overrides(None, None, val, hal, () if axes is None else (axes,)),
     }
     record = build_experiment(content, source="observe")

@@ -99,6 +99,7 @@ def solve(
     alert: str | AlertLimits = LPV_200,
     axis: str | None = None,
     precision: str = "float64",
+    tests: bool = False,
 ) -> pd.DataFrame:
     """What each method says of given pseudorange errors, epoch by epoch, such as those of a real receiver.
 
@@ -108,6 +109,7 @@ def solve(
             satellites of a system share changes the clock alone.
         methods, alert, precision: as for `pl_mc.sweep`.
         axis: whose alarm is told, one of those of `pl_mc.sweep`.
+        tests: whether a column ``rejected`` tells the verdict of the method's own test, where it has one.
 
     Returns:
         One row per epoch and method: ``epoch, time_gps_s, method, satellites, east_m, north_m, up_m, hpl_m, vpl_m,
@@ -134,7 +136,8 @@ def solve(
             "satellites": series.satellite_count,
         }
         moved = replace(outcome, error_m=outcome.error_m.T)
-        parts.append(pd.DataFrame(keys | _columns(moved, alert, axis)))
+        verdict = {"rejected": outcome.available & outcome.rejects} if tests else {}
+        parts.append(pd.DataFrame(keys | _columns(moved, alert, axis) | verdict))
     return pd.concat(parts).sort_values("epoch", kind="stable").reset_index(drop=True)
 
 

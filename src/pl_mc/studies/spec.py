@@ -25,6 +25,7 @@ from pl_mc.geometry.record import SYSTEM_NAMES
 from pl_mc.input_errors import InputError, nearest, shown
 from pl_mc.methods import Method, as_methods, method
 from pl_mc.noise_models import NoiseModel, noise_model
+from pl_mc.receiver.truth import is_file
 
 _NUMBERS = (int, float, int | None, float | None)
 
@@ -140,7 +141,7 @@ class ReceiverFiles(Strict):
 
     def has_track(self) -> bool:
         """Whether the truth is a file."""
-        return self.truth.strip().lower().endswith((".csv", ".csv.gz"))
+        return is_file(self.truth)
 
 
 def _each_once(names: tuple[str, ...]) -> tuple[str, ...]:
