@@ -47,6 +47,17 @@ def test_a_level_that_never_moves_is_one_value_and_few_are_what_they_are() -> No
         effective_number([1.0, 2.0], [3, 3])
 
 
+def test_series_share_their_correlation_and_an_offset_of_one_counts() -> None:
+    values = np.stack([markov(2000, 0.9, seed) for seed in range(10)])
+    series, places = np.repeat(np.arange(10), 2000), np.tile(np.arange(2000), 10)
+    shuffled = np.random.default_rng(0).permutation(values.size)
+    found = effective_number(values.ravel()[shuffled], places[shuffled], series[shuffled])
+    assert found == pytest.approx(20_000 / 19, rel=0.2)
+    # Offsets as large as the noise stay for a whole series: half of the variance has ten independent values.
+    offset = values + np.random.default_rng(1).standard_normal((10, 1))
+    assert effective_number(offset.ravel(), places, series) < 100
+
+
 @pytest.mark.parametrize("threshold", [1.3, 2.0])
 def test_bounds_with_it_hold_the_rate_of_a_crossed_threshold(threshold: float) -> None:
     """95 % bounds of 200 correlated series hold the true rate in 95 % of them or more; plain ones in far fewer."""

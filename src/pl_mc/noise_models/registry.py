@@ -12,6 +12,7 @@ from pl_mc.noise_models.base import Gaussian, NoiseModel
 from pl_mc.noise_models.gauss_markov import GaussMarkov
 from pl_mc.noise_models.heavy_tails import GaussianMixture, StudentT
 from pl_mc.noise_models.off_centre import Multipath, NominalBias
+from pl_mc.runtime.model_files import is_model_file, options_in_file
 
 NOISE_MODELS: dict[str, type] = {
     "gaussian": Gaussian,
@@ -23,7 +24,12 @@ NOISE_MODELS: dict[str, type] = {
 
 
 def noise_model(name: str, **options: Any) -> NoiseModel:
-    """A noise model by name with its options; an `InputError` names what is unknown and the nearest choice."""
+    """A noise model by name with its options; an `InputError` names what is unknown and the nearest choice.
+
+    A TOML file, such as `pl_mc.fit_overbound` writes, serves as a name as well.
+    """
+    if is_model_file(name):
+        return noise_model(**options_in_file(name, "noise"), **options)
     return build_named(name, NOISE_MODELS, options, what="noise")
 
 

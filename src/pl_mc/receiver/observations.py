@@ -7,6 +7,7 @@ from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
+import pandas as pd
 from numpy.typing import NDArray
 
 from pl_mc.constants import FREQUENCY_B1I_HZ, FREQUENCY_L1_HZ
@@ -50,6 +51,33 @@ class ReceiverSeries:
     truth_m: NDArray[np.float64]
     signals: tuple[str, ...]
     notes: tuple[str, ...]
+
+    def residuals(self) -> pd.DataFrame:
+        """Errors of the satellites in view without what they have in common with their system: the receiver's clock.
+
+        One row per epoch and satellite, but for those that have their clock alone: ``epoch, time_gps_s, satellite,
+        elevation_deg, sigma_m, error_m, whitened``. The clock of each is the mean of its system, weighted by
+        1 / sigma^2; what a mean of few takes away of an error is given back, so that its variance is that of the
+        error (1 / sqrt(1 - w / sum of w)). ``whitened`` is the error over sigma.
+        """
+        g = self.geometry
+        weight = np.where(g.in_view, 1.0 / np.where(g.in_view, g.sigma_m, 1.0) ** 2, 0.0)
+        clock = np.abs(g.design[..., 3:]) > 0
+        of_system = np.einsum("enc,en->ec", clock, weight)
+        mean_m = np.einsum("enc,en,en->ec", clock, weight, self.errors_m) / np.where(of_system > 0, of_system, 1.0)
+        share = weight / np.maximum(np.einsum("enc,ec->en", clock, of_system), 1e-300)
+        row, column = np.nonzero(g.in_view & (share < 1.0 - 1e-9))
+        error_m = (self.errors_m - np.einsum("enc,ec->en", clock, mean_m))[row, column]
+        error_m = error_m / np.sqrt(1.0 - share[row, column])
+        sigma_m = g.sigma_m[row, column]
+        return pd.DataFrame(
+            {
+                "epoch": g.epoch[row], "time_gps_s": g.time_gps_s[row],
+                "satellite": np.array(g.names, dtype=object)[g.satellite[row, column]],
+                "elevation_deg": np.degrees(np.arcsin(-g.design[row, column, UP])), "sigma_m": sigma_m,
+                "error_m": error_m, "whitened": error_m / sigma_m,
+            }
+        )  # fmt: skip
 
 
 def read_receiver_series(

@@ -10,19 +10,22 @@ from pl_mc.input_errors import InputError, require_one_shape
 
 
 @ordinary_arithmetic
-def effective_number(values: ArrayLike, places: ArrayLike | None = None) -> float:
-    """Number of independent values whose mean would scatter as much as that of a correlated series.
+def effective_number(values: ArrayLike, places: ArrayLike | None = None, series: ArrayLike | None = None) -> float:
+    """Number of independent values whose mean would scatter as much as that of correlated ones.
 
     n / tau with the integrated autocorrelation time tau = 1 + 2 sum of rho_k over lags k, summed in pairs of lags up to
     the first pair that is not positive and no larger than the one before (the initial monotone sequence of Geyer 1992,
     Statistical Science 7:473-483), which keeps noise of far lags out. Where events are a threshold that the series
     crosses, they are correlated for less long than the series itself (for a Gaussian one: of each rho_k no more than
     rho_k), so that bounds of their rate with this number are wide enough. What lasts as long as the series, such as an
-    offset of a whole day, does not show in it.
+    offset of a whole day, does not show in it; where there are several, what one of them keeps to itself does.
 
     Args:
-        values: (k,), the series; NaN where it is missing.
-        places: (k,), place of each value on a regular grid, whole numbers that increase; 0, 1, 2... unless given.
+        values: (k,), the values; NaN where one is missing.
+        places: (k,), place of each on a regular grid, whole numbers that increase within a series; 0, 1, 2... unless
+            given.
+        series: (k,), which series each belongs to, such as its satellite; all to one unless given. Values of different
+            series are taken as independent, with one mean and one correlation in common.
 
     Returns:
         From 1 to the number of values that are there; 0 where there is none.
@@ -32,30 +35,56 @@ def effective_number(values: ArrayLike, places: ArrayLike | None = None) -> floa
     """
     if places is None:
         places = np.arange(np.size(values))
-    series, at = require_one_shape(values=values, places=places)
-    if series.ndim != 1 or (np.diff(at) <= 0).any() or (at != np.floor(at)).any():
-        raise InputError("places: whole numbers that increase are needed, one for each value of a series.")
-    there = np.isfinite(series)
-    count = int(there.sum())
-    if count < 2:
-        return float(count)
-    deviation = series[there] - series[there].mean()
-    if not np.ptp(series[there]) > 0:
+    given, at = require_one_shape(values=values, places=places)
+    _, group = np.unique(np.zeros(given.size) if series is None else np.asarray(series), return_inverse=True)
+    if given.ndim != 1 or group.shape != given.shape:
+        raise InputError("places, series: one for each value of a list is needed.")
+    order = np.lexsort((np.arange(at.size) if series is None else at, group))
+    given, at, group = given[order], at[order], group[order]
+    if ((np.diff(at) <= 0) & (np.diff(group) == 0)).any() or (at != np.floor(at)).any():
+        raise InputError("places: whole numbers that increase within each series are needed.")
+    there = np.isfinite(given)
+    given, at, group = given[there], at[there], group[there]
+    if given.size < 2:
+        return float(given.size)
+    deviation = given - given.mean()
+    if not np.ptp(given) > 0:
         return 1.0
-    return float(np.clip(count / _correlation_time(deviation, at[there] - at[there][0]), 1.0, count))
+    parts = np.split(np.arange(given.size), np.flatnonzero(np.diff(group)) + 1)
+    products = np.zeros(max(_length(at[part]) for part in parts))
+    for part in parts:
+        of_one = _products(deviation[part], at[part] - at[part][0])
+        products[: of_one.size] += of_one
+    return float(np.clip(given.size / _correlation_time(products / products[0]), 1.0, given.size))
 
 
-def _correlation_time(deviation: NDArray[np.float64], at: NDArray[np.float64]) -> float:
-    """Integrated autocorrelation time, in steps of the grid, as far as values follow each other on it."""
-    # Where steps are missing everywhere, those that are there are one after the other.
-    place = (at if at[-1] < 64 * at.size else np.arange(at.size)).astype(np.int64)
-    length = int(place[-1]) + 1
-    size = 1 << int(2 * length - 1).bit_length()
-    value = np.zeros(size)
-    value[place] = deviation
-    products = np.fft.irfft(np.abs(np.fft.rfft(value)) ** 2, size)[:length]
-    # Not divided by the number of pairs: a lag counts in the mean's variance by how many pairs have it.
-    rho = products / products[0]
-    even = rho[: 2 * (length // 2)].reshape(-1, 2).sum(axis=1)
+def places_in_time(time_gps_s: NDArray[np.float64]) -> NDArray[np.int64]:
+    """(k,), places of times on the grid of their usual step, equal ones in one place."""
+    times, inverse = np.unique(time_gps_s, return_inverse=True)
+    if times.size < 2:
+        return np.zeros(inverse.size, dtype=np.int64)
+    steps = np.diff(times)
+    return np.concatenate([[0], np.cumsum(np.maximum(np.round(steps / np.median(steps)), 1.0))]).astype(np.int64)[
+        inverse
+    ]
+
+
+def _length(at: NDArray[np.float64]) -> int:
+    """Steps that a series spans; where nearly all are missing, as many as it has values."""
+    span = int(at[-1] - at[0]) + 1
+    return span if span <= 64 * at.size else at.size
+
+
+def _products(deviation: NDArray[np.float64], at: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Sums of products by lag; not divided by their number: by it a lag counts in the variance of the mean."""
+    length = _length(at)
+    value = np.zeros(1 << int(2 * length - 1).bit_length())
+    value[at.astype(np.int64) if length == int(at[-1]) + 1 else np.arange(at.size)] = deviation
+    return np.fft.irfft(np.abs(np.fft.rfft(value)) ** 2, value.size)[:length]
+
+
+def _correlation_time(rho: NDArray[np.float64]) -> float:
+    """Integrated autocorrelation time, in steps of the grid."""
+    even = rho[: 2 * (rho.size // 2)].reshape(-1, 2).sum(axis=1)
     positive = int(np.argmax(even <= 0)) if (even <= 0).any() else even.size
     return max(1.0, 2.0 * float(np.minimum.accumulate(even[:positive]).sum()) - 1.0)

@@ -17,7 +17,7 @@ from pl_mc.geometry.frames import enu_rotation, geodetic
 from pl_mc.geometry.record import EAST, NORTH, UP
 from pl_mc.input_errors import InputError
 from pl_mc.receiver import Truth, read_claims
-from pl_mc.statistics.autocorrelation import effective_number
+from pl_mc.statistics.autocorrelation import effective_number, places_in_time
 from pl_mc.statistics.intervals import rate_columns, shared_noise_bounds
 
 # A claim belongs to the epoch whose time is this near, and nearer than half a step of the epochs.
@@ -111,7 +111,7 @@ class Claims:
         covariance, error_m, place = (
             covariance[there],
             self.error_m[there],
-            grid_places(g.time_gps_s[self.place[there]]),
+            places_in_time(g.time_gps_s[self.place[there]]),
         )
         flat = covariance[:, :2, :2]
         distance = np.sqrt(np.einsum("ki,ki->k", error_m[:, :2], np.linalg.solve(flat, error_m[:, :2, None])[..., 0]))
@@ -153,17 +153,9 @@ def multipliers(multiplier: float | None) -> tuple[float, float]:
     return (K_HORIZONTAL, K_VERTICAL) if multiplier is None else (multiplier, multiplier)
 
 
-def grid_places(time_gps_s: NDArray[np.float64]) -> NDArray[np.int64]:
-    """(k,), places of times on the grid of their usual step, each beyond the one before."""
-    if time_gps_s.size < 2:
-        return np.arange(time_gps_s.size)
-    steps = np.diff(time_gps_s)
-    return np.concatenate([[0], np.cumsum(np.maximum(np.round(steps / np.median(steps)), 1.0))]).astype(np.int64)
-
-
 def independent_epochs(part: pd.DataFrame, judged: Judged) -> float:
     """How many independent epochs the rows of a method are worth, by their errors over the levels that are judged."""
-    place = grid_places(part.time.to_numpy().astype("datetime64[ns]").astype(np.int64) / 1e9)
+    place = places_in_time(part.time.to_numpy().astype("datetime64[ns]").astype(np.int64) / 1e9)
     errors = {"vpl": ("up_m",), "hpl": ("east_m", "north_m")}
     ratios = [
         (part[error] / part[f"{pl}_m"]).where(part.available).replace([np.inf, -np.inf], np.nan)
