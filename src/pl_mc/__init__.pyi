@@ -35,6 +35,7 @@ from pl_mc.statistics.fitting import fit_overbound as fit_overbound
 from pl_mc.time_ramps import time_to_alert as time_to_alert
 
 # Records that are called like functions.
+empirical = noise_models.Empirical
 gaussian_mixture = noise_models.GaussianMixture
 igg3 = methods.Igg3
 ls = methods.Ls

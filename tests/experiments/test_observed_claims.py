@@ -157,3 +157,23 @@ def test_a_run_with_the_claims_of_a_solution(tmp_path: Path, capsys: pytest.Capt
     assert coverage[coverage.axis == "vertical"].within.tolist() == [1, 1]
     main(["run", str(tmp_path / "out" / "manifest.json"), "-q", "--out", str(tmp_path / "again")])
     pd.testing.assert_frame_equal(coverage, pd.read_csv(tmp_path / "again" / "coverage.csv"))
+
+
+def test_residuals_have_no_clock_and_the_variance_of_the_errors(tmp_path: Path) -> None:
+    from pl_mc.receiver import ReceiverSeries
+
+    g = pl_mc.simulate(site="CUT0", start="2020-06-25", constellations=("GPS", "GAL"), epochs=800)
+    rng = np.random.default_rng(3)
+    clock_m = rng.uniform(-50, 50, (len(g.epoch), 2))
+    errors = rng.standard_normal(g.sigma_m.shape) * g.sigma_m + np.einsum("enc,ec->en", g.design[..., 3:], clock_m)
+    found = ReceiverSeries(g, np.where(g.in_view, errors, 0.0), np.zeros((len(g.epoch), 3)), (), ()).residuals()
+    assert len(found) == g.in_view.sum()
+    # What the clocks take from the variance is given back: 1 within three standard errors.
+    assert (found.whitened**2).mean() == pytest.approx(1.0, abs=3 * np.sqrt(2 / len(found)))
+    assert found.elevation_deg.between(10.0, 90.0).all()
+    files = str(FILES / "mixed_3.obs"), str(FILES / "mixed_3.nav")
+    truth = "4075580.8863,931853.5784,4801567.9707"
+    main(["observe", *files, "--truth", truth, "--residuals", "-q", "--out", str(tmp_path / "out")])
+    stored = pd.read_parquet(tmp_path / "out" / "residuals.parquet")
+    assert stored.whitened.abs().max() < 5.0
+    assert {"satellite", "time_gps_s", "elevation_deg", "whitened", "error_m"} <= set(stored.columns)

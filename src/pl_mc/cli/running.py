@@ -131,6 +131,7 @@ def observe(
     axes: str | None = None,
     claims: Annotated[tuple[Path, ...], Several] = (),
     claim_multiplier: Limit = None,
+    residuals: Flag = False,
     out: Path | None = None,
     output: Output = _DEFAULT,
 ) -> None:
@@ -173,6 +174,8 @@ def observe(
         of RTKLIB, an NMEA log with GST, a CSV file; repeatable. See docs/how-to/receiver.md.
     claim_multiplier
         What makes a claimed standard deviation a protection level; 6.18 horizontally and 5.33 vertically unless given.
+    residuals
+        Store the errors of all satellites, for `pl_mc.fit_overbound` and the noise model `empirical`.
     out
         Results folder; `runs/observe-NAME` unless given. An earlier result there is replaced.
     """
@@ -196,6 +199,7 @@ def observe(
         "methods": [_method(text) for text in method],
         "claims": claims,
         "claim_multiplier": claim_multiplier,
+        "residuals": residuals,
         **overrides(None, None, val, hal, () if axes is None else (axes,)),
     }
     record = build_experiment(content, source="observe")

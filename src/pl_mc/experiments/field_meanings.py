@@ -46,6 +46,7 @@ SHARED: dict[str, str] = {
     "navigation": "RINEX 2, 3 or 4 navigation file with broadcast ephemerides of that day, or a list of them",
     "truth": "the true position, Earth-fixed X,Y,Z in metres, or a file with a track: CSV, .pos of RTKLIB, NMEA",
     "claims": "files in which a receiver says how good its positions are: .pos of RTKLIB, NMEA with GST, CSV",
+    "residuals": "whether the errors of all satellites are stored, for pl_mc.fit_overbound and the noise empirical",
     "claim_multiplier": "what makes a claimed standard deviation a level; 6.18 and 5.33 unless given",
     "systems": "systems to use: G (GPS), C (BeiDou), E (Galileo), R (GLONASS), J (QZSS); the first three unless given",
     "signals": "other signals than L1 C/A, B1I and E1, such as L5; pairs such as E1+E5b where two are combined",

@@ -2,8 +2,8 @@
 
 A Gaussian N(b, sigma) on the right and N(-b, sigma) on the left bound the tails of a distribution F where their tails
 hold more: 1 - Phi((x - b) / sigma) >= 1 - F(x) for x >= b, and likewise on the left (DeCleene 2000, Defining
-pseudorange integrity - overbounding, ION GPS 2000; paired: Rife, Walter & Blanch 2004; with a bias and a first step by a
-symmetric unimodal distribution: Blanch, Walter & Enge 2018, Gaussian bounding improvements, ION ITM 2018).
+pseudorange integrity - overbounding, ION GPS 2000; paired: Rife, Walter & Blanch 2004; with a bias and a first step by
+a symmetric unimodal distribution: Blanch, Walter & Enge 2018, Gaussian bounding improvements, ION ITM 2018).
 
 F is known by its samples. The m-th largest of n independent samples is exceeded with a probability that has the beta
 distribution of m and n + 1 - m, whatever F is; upper quantiles of these, at one level for all m chosen such that all of

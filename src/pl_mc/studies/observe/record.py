@@ -27,6 +27,7 @@ class ObserveExperiment(ByAxes, ReceiverFiles):
     faults: tuple[FaultText, ...] = ()
     claims: tuple[Path, ...] = ()
     claim_multiplier: float | None = Field(default=None, gt=0)
+    residuals: bool = False
 
     def input_files(self) -> Mapping[str, Path]:
         """The RINEX files, the track where the truth is one, and the claims."""

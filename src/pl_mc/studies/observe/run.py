@@ -58,9 +58,10 @@ def run(experiment: ObserveExperiment, execution: Execution) -> Findings:
     if judged.axis != VERTICAL or experiment.asked_axes() is not None:
         table.insert(table.columns.get_loc("method") + 1, "axis", judged.axis)
     counted = [Table("stanford", stanford), *([Table("coverage", coverage)] if len(coverage) else [])]
+    residuals = [Table("residuals", series.residuals(), stored="parquet")] if experiment.residuals else []
     return Findings(
         summary=summary(experiment, table, injected, series.signals, claims, stanford, coverage),
-        tables=(Table("epochs", table, stored="both"), *counted),
+        tables=(Table("epochs", table, stored="both"), *counted, *residuals),
         pictures=(error_figure(table, judged=judged, title=experiment.title),),
         notes=(*truth.notes, *series.notes, *notes, *(note for one in claims for note in one.notes)),
     )
