@@ -32,6 +32,12 @@ from pl_mc.studies.spec import ReceiverFiles, SimulatedGeometry, Strict, satelli
 # Names the folder in which the files of receivers are looked for.
 DATA_VARIABLE = "PL_MC_DATA"
 
+# Where the experiments of the package are, and files that come with them: in a wheel, and in a checkout.
+PACKAGED_FOLDERS = (
+    Path(__file__).parents[1] / "experiments" / "files",
+    Path(__file__).parents[3] / "experiments",
+)
+
 _FORMS = {"site": "Site", "flight": "Flight", "receiver": "Receiver"}
 
 
@@ -228,6 +234,14 @@ def flight_table(flight: Flight) -> pd.DataFrame:
             "bank_deg": np.degrees(flight.bank_rad).round(3),
         }
     )
+
+
+def where_it_is(path: Path) -> Path:
+    """A file of an observation: as it is named, in the folder of receiver files, or among the package's experiments."""
+    folder = os.environ.get(DATA_VARIABLE)
+    folders = [*([Path(folder)] if folder else []), *PACKAGED_FOLDERS]
+    places = [path, *([] if path.is_absolute() else [folder / path for folder in folders])]
+    return next((place for place in places if place.is_file()), path)
 
 
 def _found(field: str, path: Path) -> Path:

@@ -23,6 +23,8 @@ from pl_mc.statistics.intervals import rate_columns, shared_noise_bounds
 # A claim belongs to the epoch whose time is this near, and nearer than half a step of the epochs.
 _SAME_EPOCH_S = 0.5
 
+_NOTHING = 1e-6
+
 # Shares at which claimed standard deviations are judged: those of one and of 1.96 normal ones.
 _SHARES = (0.683, 0.95)
 
@@ -170,6 +172,8 @@ def bounded(count: int, total: int, independent: float, name: str) -> dict[str, 
     """A rate with 95 % bounds of so many independent epochs."""
     rate = count / total if total else np.nan
     low, high = shared_noise_bounds(rate, np.floor(max(independent, 1.0))) if total else (0.0, 1.0)
+    # Of numbers that need not be whole a bound may be a rounding error from one that says nothing.
+    low, high = (0.0 if low < _NOTHING else low), (1.0 if high > 1.0 - _NOTHING else high)
     return rate_columns(name, rate, float(low), float(high))
 
 

@@ -9,6 +9,7 @@ from typing import ClassVar, Literal
 from pydantic import Field
 
 from pl_mc.studies.fault_fields import FaultText
+from pl_mc.studies.sources import where_it_is
 from pl_mc.studies.spec import ByAxes, ReceiverFiles
 
 
@@ -30,6 +31,7 @@ class ObserveExperiment(ByAxes, ReceiverFiles):
     residuals: bool = False
 
     def input_files(self) -> Mapping[str, Path]:
-        """The RINEX files, the track where the truth is one, and the claims."""
+        """The RINEX files, the track where the truth is one, and the claims, each where it is found."""
         names = ["claims", *(f"claims {k}" for k in range(2, len(self.claims) + 1))]
-        return self.receiver_files() | dict(zip(names, self.claims, strict=False))
+        given = self.receiver_files() | dict(zip(names, self.claims, strict=False))
+        return {field: where_it_is(path) for field, path in given.items()}

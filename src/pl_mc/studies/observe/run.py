@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from functools import partial
+from pathlib import Path
 
 import numpy as np
 import pandas as pd
@@ -31,9 +32,10 @@ _SECONDS_A_DAY = 1.2
 
 def run(experiment: ObserveExperiment, execution: Execution) -> Findings:
     """Every epoch by every method, and the errors over the epochs."""
-    truth = read_truth(experiment.truth)
+    files = experiment.input_files()
+    truth = read_truth(str(files["truth"]) if experiment.has_track() else experiment.truth)
     series = read_receiver_series(
-        experiment.observations, experiment.navigation, truth, systems=experiment.systems,
+        files["observations"], _of(files, "navigation"), truth, systems=experiment.systems,
         signals=experiment.signals, mask_deg=experiment.mask_deg, error_model=experiment.model(),
         ionosphere=experiment.ionosphere,
     )  # fmt: skip
@@ -46,7 +48,7 @@ def run(experiment: ObserveExperiment, execution: Execution) -> Findings:
         g, errors_m, methods=experiment.method_records(), alert=judged.alert, axis=judged.axis,
         precision=experiment.precision, tests=True,
     )  # fmt: skip
-    claims = read_all(experiment.claims, g, truth, series.truth_m)
+    claims = read_all(_of(files, "claims"), g, truth, series.truth_m)
     rows = [part for one in claims for part in one.rows(g, judged, experiment.claim_multiplier)]
     table = pd.concat([table.assign(faulted=table.epoch.map(pd.Series(faulted, index=g.epoch))), *rows])
     table["faulted"] = table.faulted.eq(True)
@@ -77,6 +79,11 @@ def checks(experiment: ObserveExperiment, g: Geometry | None) -> Iterator[Check]
     for field, path in experiment.input_files().items():
         if not path.is_file():
             yield field, partial(refuse, f"{field}: {path}: there is no such file.")
+
+
+def _of(files: Mapping[str, Path], field: str) -> list[Path]:
+    """The files of a field that may have several."""
+    return [path for name, path in files.items() if name.split()[0] == field]
 
 
 def _require_solution(experiment: ObserveExperiment, g: Geometry, notes: Sequence[str]) -> None:
