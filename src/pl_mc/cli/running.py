@@ -144,7 +144,8 @@ def observe(
     observations
         RINEX 2 (GPS alone), 3 or 4 observation file, plain, Hatanaka-compressed, .gz, .zip, .Z or .bz2.
     navigation
-        RINEX 2, 3 or 4 navigation files with broadcast ephemerides of that day, one or several.
+        RINEX 2, 3 or 4 navigation files with broadcast ephemerides of that day, one or several; observation files
+        among them are those of further days.
     truth
         The true position: `X,Y,Z` Earth-fixed [m], or a file with a track: CSV, a `.pos` of RTKLIB, an NMEA log.
     systems
@@ -182,13 +183,18 @@ def observe(
     from pl_mc.engine import Execution
     from pl_mc.experiments.loading import build_experiment
     from pl_mc.experiments.running import run_experiment
+    from pl_mc.receiver.rinex_text import is_observation_file
 
+    further = [path for path in navigation if is_observation_file(path)]
+    # Without any of navigation, what is wrong is said of the first.
+    further = further if len(further) < len(navigation) else []
+    days, sent = (observations, *further), tuple(path for path in navigation if path not in further)
     station = observations.name.split(".")[0]
     content: dict[str, Any] = {
         "kind": "observe",
         "title": f"{station}: position errors and protection levels",
-        "observations": observations,
-        "navigation": navigation[0] if len(navigation) == 1 else navigation,
+        "observations": days[0] if len(days) == 1 else days,
+        "navigation": sent[0] if len(sent) == 1 else sent,
         "truth": truth,
         "systems": _words(systems),
         "signals": _words(signals),

@@ -42,7 +42,7 @@ SHARED: dict[str, str] = {
     "error_model": "standard deviations of the pseudoranges: residual, none, uire, user, constant or dual_frequency",
     "error_options": "options of the error model, as an inline table; any model takes an ism",
     "epoch": "one epoch of the series, counted from 0; leave out for all of them",
-    "observations": "RINEX 2 (GPS alone), 3 or 4 observation file, plain, Hatanaka-compressed, .gz, .zip, .Z, .bz2",
+    "observations": "RINEX 2 (GPS alone), 3 or 4 observation file, packed or not, or a list of them, in any order",
     "navigation": "RINEX 2, 3 or 4 navigation file with broadcast ephemerides of that day, or a list of them",
     "truth": "the true position, Earth-fixed X,Y,Z in metres, or a file with a track: CSV, .pos of RTKLIB, NMEA",
     "claims": "files in which a receiver says how good its positions are: .pos of RTKLIB, NMEA with GST, CSV",

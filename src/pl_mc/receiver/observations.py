@@ -81,7 +81,7 @@ class ReceiverSeries:
 
 
 def read_receiver_series(
-    obs_path: str | Path,
+    obs_path: str | Path | Sequence[str | Path],
     nav_path: str | Path | Sequence[str | Path],
     truth: Truth,
     *,
@@ -105,7 +105,7 @@ def read_receiver_series(
     the window, and an elevation of at least the mask.
 
     Args:
-        obs_path, nav_path: RINEX files, of navigation one or several, see `pl_mc.receiver.rinex.read_rinex`.
+        obs_path, nav_path: RINEX files, one or several of either, see `pl_mc.receiver.rinex.read_rinex`.
         truth: the true position or track, see `pl_mc.receiver.truth.read_truth`.
         systems: RINEX letters, G, C, E, R and J; clock columns come in this order. Unless given, those of the first
             three that are there.
@@ -125,6 +125,8 @@ def read_receiver_series(
         raise InputError(f"mask_deg: {mask_deg:g} is outside 0 to 90 degrees.")
     model = as_error_model(error_model)
     data = read_rinex(obs_path, nav_path, systems=systems, signals=signals, ionosphere=ionosphere)
+    # How sentences call the files.
+    obs_path = obs_path if isinstance(obs_path, str | Path) else " and ".join(map(str, obs_path))
     clocks = tuple(dict.fromkeys(data.systems)) if systems is None else tuple(systems)
     truth_m, known = truth.at(data.time_gps_s)
     _require_usable_truth(obs_path, truth, truth_m, known, data)
@@ -250,7 +252,7 @@ def _misfit_below(
 
 
 def _require_usable_truth(
-    obs_path: str | Path, truth: Truth, truth_m: NDArray, known: NDArray[np.bool_], data: ReceiverData
+    obs_path: object, truth: Truth, truth_m: NDArray, known: NDArray[np.bool_], data: ReceiverData
 ) -> None:
     if not known.any():
         raise InputError(

@@ -10,7 +10,7 @@ from pydantic import Field
 
 from pl_mc.studies.fault_fields import FaultText
 from pl_mc.studies.sources import where_it_is
-from pl_mc.studies.spec import ByAxes, ReceiverFiles
+from pl_mc.studies.spec import ByAxes, ReceiverFiles, numbered
 
 
 class ObserveExperiment(ByAxes, ReceiverFiles):
@@ -32,6 +32,5 @@ class ObserveExperiment(ByAxes, ReceiverFiles):
 
     def input_files(self) -> Mapping[str, Path]:
         """The RINEX files, the track where the truth is one, and the claims, each where it is found."""
-        names = ["claims", *(f"claims {k}" for k in range(2, len(self.claims) + 1))]
-        given = self.receiver_files() | dict(zip(names, self.claims, strict=False))
+        given = self.receiver_files() | numbered("claims", self.claims)
         return {field: where_it_is(path) for field, path in given.items()}

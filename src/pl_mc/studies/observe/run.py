@@ -24,6 +24,7 @@ from pl_mc.studies.observe.figures import error_figure
 from pl_mc.studies.observe.record import ObserveExperiment
 from pl_mc.studies.observe.stanford import stanford_table
 from pl_mc.studies.observe.text import summary
+from pl_mc.studies.spec import numbered
 from pl_mc.studies.study import Check, Work, refuse
 
 # A day with an epoch every 30 s takes less than a series of it, which is solved 42 times [s].
@@ -35,7 +36,7 @@ def run(experiment: ObserveExperiment, execution: Execution) -> Findings:
     files = experiment.input_files()
     truth = read_truth(str(files["truth"]) if experiment.has_track() else experiment.truth)
     series = read_receiver_series(
-        files["observations"], _of(files, "navigation"), truth, systems=experiment.systems,
+        _of(files, "observations"), _of(files, "navigation"), truth, systems=experiment.systems,
         signals=experiment.signals, mask_deg=experiment.mask_deg, error_model=experiment.model(),
         ionosphere=experiment.ionosphere,
     )  # fmt: skip
@@ -92,9 +93,10 @@ def _require_solution(experiment: ObserveExperiment, g: Geometry, notes: Sequenc
     if (seen >= unknown).any():
         return
     best = int(np.argmax(seen - unknown))
+    named = " and ".join(map(str, numbered("observations", experiment.observations).values()))
     because = f" Notes: {' '.join(notes)}" if notes else ""
     raise InputError(
-        f"{experiment.observations}: no epoch has a solution; at best {seen[best]} of the {unknown[best]} satellites "
+        f"{named}: no epoch has a solution; at best {seen[best]} of the {unknown[best]} satellites "
         f"that are needed are in view (epoch {g.epoch[best]}), three for the position and one for the clock of each "
         f"system.{because}"
     )
