@@ -177,3 +177,14 @@ def test_residuals_have_no_clock_and_the_variance_of_the_errors(tmp_path: Path) 
     stored = pd.read_parquet(tmp_path / "out" / "residuals.parquet")
     assert stored.whitened.abs().max() < 5.0
     assert {"satellite", "time_gps_s", "elevation_deg", "whitened", "error_m"} <= set(stored.columns)
+
+
+def test_a_long_series_is_solved_in_parts_as_its_epochs_are(g: Geometry) -> None:
+    errors = np.where(g.in_view, np.random.default_rng(7).standard_normal(g.sigma_m.shape) * g.sigma_m, 0.0)
+    whole = pl_mc.solve(g, errors, methods=("ls", "igg3"), tests=True)
+    assert len(whole) == 2 * len(g.epoch)
+    assert not whole.rejected.any()
+    for start, stop in ((0, 3), (510, 515), (1990, 2000)):
+        part = pl_mc.solve(g[start:stop], errors[start:stop], methods=("ls", "igg3"))
+        same = whole[whole.epoch.between(start, stop - 1)].reset_index(drop=True)
+        np.testing.assert_allclose(part[["east_m", "up_m", "vpl_m"]], same[["east_m", "up_m", "vpl_m"]], rtol=1e-9)

@@ -30,6 +30,9 @@ from pl_mc.methods import Method, Outcome, as_methods
 from pl_mc.noise_models import GAUSSIAN, NoiseModel, as_noise_model
 from pl_mc.runtime.precision import dtype_of, precision_scope
 
+# Epochs that are solved together.
+_EPOCHS_AT_ONCE = 512
+
 OUTCOME_COLUMNS = ("east_m", "north_m", "up_m", "hpl_m", "vpl_m", "available", "alarm", "unconverged", "tied")
 
 _block_outcomes = jax.jit(block_outcomes, static_argnames=("noise_model",))
@@ -120,13 +123,19 @@ def solve(
     axis = as_axis(axis, alert)
     series, errors = g.as_series(), require_errors(g, errors_m)
     chosen = as_methods(methods, g)
-    dtype = dtype_of(precision)
+    dtype, count, trees = dtype_of(precision), len(series.epoch), as_trees(chosen)
+    rows = [
+        series.design.astype(dtype), series.sigma_m.astype(dtype), series.in_view, errors.astype(dtype),
+        satellite_codes(series),
+    ]  # fmt: skip
+    # Cut where many epochs at once would fill the memory, into calls of one shape, the last one full of its last epoch.
+    size = min(count, _EPOCHS_AT_ONCE)
+    solved = []
     with precision_scope(precision):
-        found = _solve_series(
-            series.design.astype(dtype), series.sigma_m.astype(dtype), series.in_view, errors.astype(dtype),
-            satellite_codes(series), as_trees(chosen),
-        )  # fmt: skip
-        found = jax.tree.map(np.asarray, found)
+        for start in range(0, count, size):
+            places = np.minimum(np.arange(start, start + size), count - 1)
+            solved.append(jax.tree.map(np.asarray, _solve_series(*(one[places] for one in rows), trees)))
+    found = jax.tree.map(lambda *parts: np.concatenate(parts)[:count], *solved)
     parts = []
     for method, outcome in zip(chosen, found, strict=True):
         keys = {
