@@ -188,3 +188,52 @@ def test_a_long_series_is_solved_in_parts_as_its_epochs_are(g: Geometry) -> None
         part = pl_mc.solve(g[start:stop], errors[start:stop], methods=("ls", "igg3"))
         same = whole[whole.epoch.between(start, stop - 1)].reset_index(drop=True)
         np.testing.assert_allclose(part[["east_m", "up_m", "vpl_m"]], same[["east_m", "up_m", "vpl_m"]], rtol=1e-9)
+
+
+def test_figures_of_an_observation(tmp_path: Path) -> None:
+    files = str(FILES / "mixed_3.obs"), str(FILES / "mixed_3.nav")
+    options = ["--truth", "4075580.8863,931853.5784,4801567.9707", "-q", "--out", str(tmp_path / "out")]
+    main(["observe", *files, *options, "--fault", "G07:+80m"])
+    names = {path.stem for path in (tmp_path / "out").glob("*.png")}
+    # A point has no track; each axis with a limit has a diagram.
+    assert names == {"epochs", "stanford_vertical", "stanford_horizontal", "alarms", "ground", "sky", "satellites"}
+    page = (tmp_path / "out" / "report.html").read_text()
+    assert all(f"{name}.svg" in page for name in names)
+
+
+def test_cells_of_a_diagram_hold_every_epoch_that_has_a_place(g: Geometry) -> None:
+    from pl_mc.studies.observe.sky_figures import _plane, azimuths_deg
+
+    rng, count = np.random.default_rng(1), 500
+    table = pd.DataFrame({
+        "up_m": rng.normal(0, 30, count), "east_m": 0.0, "north_m": 0.0, "vpl_m": rng.uniform(0, 90, count),
+        "hpl_m": 1.0, "available": np.arange(count) % 10 > 0, "rejected": np.arange(count) % 10 == 1,
+    })  # fmt: skip
+    edges = np.append(0.5 * np.arange(121), np.inf)
+    plane = _plane(table, Judged(pl_mc.LPV_200), edges)
+    assert plane.shape == (121, 121)
+    assert plane.sum() == 400
+    inside = table[table.available & ~table.rejected]
+    assert plane[-1].sum() == (inside.up_m.abs() >= 60.0).sum()
+    assert plane[:, -1].sum() == (inside.vpl_m >= 60.0).sum()
+    # The azimuth of a row of residuals is that of its satellite: straight from the design.
+    rows = pd.DataFrame({"epoch": [g.epoch[3]], "satellite": [g.names[g.satellite[3, 0]]]})
+    east, north = -g.design[3, 0, 0], -g.design[3, 0, 1]
+    assert azimuths_deg(g, rows)[0] == pytest.approx(np.degrees(np.arctan2(east, north)) % 360.0)
+
+
+def test_the_real_day_with_injected_faults(tmp_path: Path, data_folder: Path) -> None:
+    main(["run", "observe-day", "-q", "--out", str(tmp_path / "day")])
+    counts = pd.read_csv(tmp_path / "day" / "stanford.csv").set_index(["method", "axis", "region"])["count"]
+    table = pd.read_parquet(tmp_path / "day" / "epochs.parquet")
+    araim = table[table.method.str.startswith("araim")]
+    name = araim.method.iloc[0]
+    for axis in ("vertical", "horizontal"):
+        assert counts[name, axis, MISLEADING] == counts[name, axis, HAZARDOUS] == 0
+        assert counts["esbc-2020-177-rtklib.pos.gz", axis, NOMINAL] == 2880
+    # A ramp is small at first; every other fault is found at once.
+    assert araim[araim.faulted].alarm.mean() > 0.97
+    assert araim[~araim.faulted].alarm.mean() < 0.01
+    # RTKLIB's variances hold an ephemeris error and half of the ionosphere that this day did not have.
+    coverage = pd.read_csv(tmp_path / "day" / "coverage.csv")
+    assert (coverage.within_rate > 0.98).all()

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from typing import Any
+
 import numpy as np
 import pandas as pd
 from matplotlib.axes import Axes
@@ -17,6 +19,8 @@ from pl_mc.report.findings import picture
 _FEW_EPOCHS = 60
 _STEPS_WITHOUT_GAP = 1.5
 _LINEAR_UP_TO = 4.0
+# Lines that are told apart in grey.
+_DASHES: tuple[Any, ...] = ((0, (2, 1)), (0, (6, 2)), (0, (1, 1.5)), (0, (6, 1.5, 1, 1.5)))
 
 
 @picture("epochs", "Position errors and protection levels over time.")
@@ -28,14 +32,14 @@ def error_figure(table: pd.DataFrame, *, judged: Judged, title: str) -> Figure:
     """
     panels = 3 + len(judged.levels)
     figure, axes = new_figure(panels, 1, width_in=8.0, height_in=2.25 * panels, title=title, sharex=True)
-    windows, step = faulted_windows(table), _longest_step(table)
+    windows, step = faulted_windows(table), longest_step(table)
     labels = {"east_m": "east error", "north_m": "north error", "up_m": "up error"}
     labels |= {f"{pl}_m": name for pl, name, _ in judged.levels}
     for panel, (column, label) in zip(axes, labels.items(), strict=True):
         shade(panel, windows, "faulted epochs")
         for k, (method, group) in enumerate(table.groupby("method", sort=False)):
             # Least squares lies below in a lighter line, so that both stay visible where they agree.
-            line, width, alpha = ("-", 1.3, 0.55) if k == 0 else ((0, (2, 1)), 0.8, 1.0)
+            line, width, alpha = ("-", 1.3, 0.55) if k == 0 else (_DASHES[(k - 1) % len(_DASHES)], 0.8, 1.0)
             # A line ends where epochs are missing, and goes on after them.
             parts = (group.time.diff() > step).cumsum()
             for j, (_, part) in enumerate(group.groupby(parts)):
@@ -49,17 +53,22 @@ def error_figure(table: pd.DataFrame, *, judged: Judged, title: str) -> Figure:
     for panel, (pl, _, limit_m), one in zip(axes[3:], judged.levels, judged.called, strict=True):
         level_m = table[f"{pl}_m"]
         _levels(panel, level_m[np.isfinite(level_m)], limit_m, one.limit)
-    dates = AutoDateLocator()
-    axes[-1].xaxis.set_major_locator(dates)
-    form = ConciseDateFormatter(dates, show_offset=False)
-    form.formats[5] = "%H:%M:%S"
-    if table.time.iloc[-1] - table.time.iloc[0] <= pd.Timedelta(days=1):
-        form.zero_formats[3] = "%H:%M"
-    axes[-1].xaxis.set_major_formatter(form)
-    first, last = (f"{time:%Y-%m-%d}" for time in (table.time.iloc[0], table.time.iloc[-1]))
-    axes[-1].set_xlabel(f"GPS time, {first if first == last else f'{first} to {last}'}")
+    time_axis(axes[-1], table.time)
     legend_below(figure, axes[:1], columns=4)
     return figure
+
+
+def time_axis(panel: Axes, times: pd.Series | pd.DatetimeIndex) -> None:
+    """The horizontal axis in GPS time, with the days."""
+    dates, ends = AutoDateLocator(), pd.DatetimeIndex(times)[[0, -1]]
+    panel.xaxis.set_major_locator(dates)
+    form = ConciseDateFormatter(dates, show_offset=False)
+    form.formats[5] = "%H:%M:%S"
+    if ends[1] - ends[0] <= pd.Timedelta(days=1):
+        form.zero_formats[3] = "%H:%M"
+    panel.xaxis.set_major_formatter(form)
+    first, last = (f"{time:%Y-%m-%d}" for time in ends)
+    panel.set_xlabel(f"GPS time, {first if first == last else f'{first} to {last}'}")
 
 
 def _levels(panel: Axes, level_m: pd.Series, limit_m: float, name: str) -> None:
@@ -74,7 +83,7 @@ def _levels(panel: Axes, level_m: pd.Series, limit_m: float, name: str) -> None:
     limit_line(panel, limit_m, f"{name} {limit_m:g} m")
 
 
-def _longest_step(table: pd.DataFrame) -> pd.Timedelta:
+def longest_step(table: pd.DataFrame) -> pd.Timedelta:
     """Epochs further apart than this have others between them that are missing."""
     steps = table.time.drop_duplicates().diff().dropna()
     return pd.Timedelta(days=1) if steps.empty else _STEPS_WITHOUT_GAP * steps.median()
@@ -83,7 +92,7 @@ def _longest_step(table: pd.DataFrame) -> pd.Timedelta:
 def faulted_windows(table: pd.DataFrame) -> list[tuple[pd.Timestamp, pd.Timestamp]]:
     """First and last time of each run of faulted epochs, with half a step on both sides."""
     epochs = table.drop_duplicates("epoch").assign(faulted=table.groupby("epoch").faulted.any().to_numpy())
-    half = _longest_step(table) / (2 * _STEPS_WITHOUT_GAP)
+    half = longest_step(table) / (2 * _STEPS_WITHOUT_GAP)
     runs = (epochs.faulted != epochs.faulted.shift()).cumsum()[epochs.faulted]
     times = epochs.time[epochs.faulted].groupby(runs)
     return [(run.iloc[0] - half, run.iloc[-1] + half) for _, run in times]

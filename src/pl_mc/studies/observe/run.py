@@ -22,6 +22,7 @@ from pl_mc.report.findings import Findings, Table
 from pl_mc.studies.observe.claims import read_all
 from pl_mc.studies.observe.figures import error_figure
 from pl_mc.studies.observe.record import ObserveExperiment
+from pl_mc.studies.observe.sky_figures import all_pictures
 from pl_mc.studies.observe.stanford import stanford_table
 from pl_mc.studies.observe.text import summary
 from pl_mc.studies.spec import numbered
@@ -57,15 +58,17 @@ def run(experiment: ObserveExperiment, execution: Execution) -> Findings:
     table.insert(1, "time", gps_dates(table.pop("time_gps_s")))
     stanford = stanford_table(table, judged.alert)
     coverage = pd.DataFrame([row for one in claims for row in one.coverage(g)])
+    errors = series.residuals()
+    pictures = all_pictures(g, table, stanford, errors, series.truth_m, judged, experiment.title)
     del table["rejected"]
     if judged.axis != VERTICAL or experiment.asked_axes() is not None:
         table.insert(table.columns.get_loc("method") + 1, "axis", judged.axis)
     counted = [Table("stanford", stanford), *([Table("coverage", coverage)] if len(coverage) else [])]
-    residuals = [Table("residuals", series.residuals(), stored="parquet")] if experiment.residuals else []
+    residuals = [Table("residuals", errors, stored="parquet")] if experiment.residuals else []
     return Findings(
         summary=summary(experiment, table, injected, series.signals, claims, stanford, coverage),
         tables=(Table("epochs", table, stored="both"), *counted, *residuals),
-        pictures=(error_figure(table, judged=judged, title=experiment.title),),
+        pictures=(error_figure(table, judged=judged, title=experiment.title), *pictures),
         notes=(*truth.notes, *series.notes, *notes, *(note for one in claims for note in one.notes)),
     )
 
