@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from pl_mc.geometry.frames import from_geodetic
-from pl_mc.input_errors import InputError, shown
+from pl_mc.input_errors import InputError, require_path, shown
 from pl_mc.receiver.fixes import (
     Fixes,
     finite_number,
@@ -125,6 +125,7 @@ def read_claims(path: Path) -> Fixes:
     Raises:
         InputError: a file that cannot be read, or that claims nothing.
     """
+    path = require_path(path, field="claims")
     lines = text_lines(path, "a .pos of RTKLIB, an NMEA log or a CSV file is needed")
     fixes = _fixes(path, lines) or read_claims_table(path, lines)
     if fixes.covariance_m2 is None and not fixes.level_m:

@@ -6,7 +6,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from pl_mc.arrays import ordinary_arithmetic
-from pl_mc.input_errors import InputError, require_one_shape
+from pl_mc.input_errors import InputError, require_list, require_one_shape
 
 
 @ordinary_arithmetic
@@ -36,9 +36,11 @@ def effective_number(values: ArrayLike, places: ArrayLike | None = None, series:
     if places is None:
         places = np.arange(np.size(values))
     given, at = require_one_shape(values=values, places=places)
-    _, group = np.unique(np.zeros(given.size) if series is None else np.asarray(series), return_inverse=True)
+    group = np.zeros(given.size, dtype=np.int64) if series is None else names_of(series, field="series")
     if given.ndim != 1 or group.shape != given.shape:
         raise InputError("places, series: one for each value of a list is needed.")
+    if not np.isfinite(at).all() or (np.abs(at) > 2**53).any():
+        raise InputError("places: whole numbers are needed, one for each value.")
     order = np.lexsort((np.arange(at.size) if series is None else at, group))
     given, at, group = given[order], at[order], group[order]
     if ((np.diff(at) <= 0) & (np.diff(group) == 0)).any() or (at != np.floor(at)).any():
@@ -56,6 +58,15 @@ def effective_number(values: ArrayLike, places: ArrayLike | None = None, series:
         of_one = _products(deviation[part], at[part] - at[part][0])
         products[: of_one.size] += of_one
     return float(np.clip(given.size / _correlation_time(products / products[0]), 1.0, given.size))
+
+
+def names_of(values: ArrayLike, *, field: str) -> NDArray[np.int64]:
+    """(k,), a number for each different name; an `InputError` where they are none."""
+    try:
+        texts = [str(one) for one in require_list(values, field=field, of="names")]  # type: ignore[arg-type]
+    except (TypeError, ValueError):
+        raise InputError(f"{field}: a sequence of names is needed.") from None
+    return np.unique(np.array(texts, dtype=object).astype(str), return_inverse=True)[1] if texts else np.zeros(0, int)
 
 
 def places_in_time(time_gps_s: NDArray[np.float64]) -> NDArray[np.int64]:

@@ -20,12 +20,14 @@ from pl_mc.input_errors import (
     require_fraction,
     require_list,
     require_numbers,
+    require_positive,
+    require_true,
     require_truth,
     require_within,
 )
 from pl_mc.noise_models import NoiseModel, noise_model
 from pl_mc.runtime.whole_files import write_whole
-from pl_mc.statistics.autocorrelation import effective_number, places_in_time
+from pl_mc.statistics.autocorrelation import effective_number, names_of, places_in_time
 from pl_mc.statistics.overbound import FEWEST_SAMPLES, overbound
 
 BINS_DEG = (0.0, 15.0, 30.0, 45.0, 60.0, 90.0)
@@ -124,15 +126,17 @@ def fit_overbound(
     values = require_numbers(residuals, field="residuals").ravel()
     require_fraction(confidence, field="confidence")
     with_bias = require_truth(bias, field="bias")
+    if independent is not None:
+        require_positive(independent, field="independent")
     for name, value in given.items():
-        if value is not None and np.shape(value) != values.shape:
-            raise InputError(f"{name}: {values.size} are needed, one for each residual, not {np.size(value)}.")
+        if value is not None:
+            size = len(require_list(value, field=name, of="one for each residual"))  # type: ignore[arg-type]
+            if size != values.size:
+                raise InputError(f"{name}: {values.size} are needed, one for each residual, not {size}.")
     if not np.isfinite(values).all():
         raise InputError("residuals: every one is a finite number of metres.")
     notes: list[str] = []
-    elevations = (
-        None if given["elevation_deg"] is None else require_numbers(given["elevation_deg"], field="elevation_deg")
-    )
+    elevations = None if given["elevation_deg"] is None else _within_quarter(given["elevation_deg"])
     if elevations is None:
         elevations, edges = np.full(values.size, 45.0), np.array([0.0, 90.0])
     else:
@@ -143,14 +147,15 @@ def fit_overbound(
     place = np.searchsorted(edges, elevations, side="right") - 1
     place = place.clip(0, edges.size - 2)
     times = given["time_gps_s"] if given["satellite"] is not None else None
-    places = None if times is None else places_in_time(require_numbers(times, field="time_gps_s"))
+    places = None if times is None else places_in_time(_finite(times, "time_gps_s"))
+    names = None if places is None else names_of(given["satellite"], field="satellite")  # type: ignore[arg-type]
 
     def number(rows: NDArray[np.bool_]) -> int:
         if independent is not None:
-            return int(independent * rows.mean())
+            return int(min(independent, values.size) * rows.mean())
         if places is None:
             return int(rows.sum())
-        return int(effective_number(values[rows], places[rows], np.asarray(given["satellite"])[rows]))
+        return int(effective_number(values[rows], places[rows], names[rows]))  # type: ignore[index]
 
     if independent is None and places is None:
         notes.append("The samples are taken as independent; satellite and time_gps_s would tell how far they are.")
@@ -214,6 +219,18 @@ def _joined(
             f"Ranges of elevation with fewer than {FEWEST_SAMPLES} independent samples are joined with others."
         )
     return groups
+
+
+def _within_quarter(values: ArrayLike) -> NDArray[np.float64]:
+    degrees = require_numbers(values, field="elevation_deg").ravel()
+    require_true((degrees >= 0) & (degrees <= 90), field="elevation_deg", rule="0 to 90 degrees", of=degrees)
+    return degrees
+
+
+def _finite(values: ArrayLike, field: str) -> NDArray[np.float64]:
+    numbers = require_numbers(values, field=field).ravel()
+    require_true(np.abs(numbers) < 2**53, field=field, rule="a finite number of seconds is needed", of=numbers)
+    return numbers
 
 
 def _rounded_down(count: int) -> int:
