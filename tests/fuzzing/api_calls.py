@@ -135,6 +135,16 @@ def calls() -> Mapping[str, Call]:
         "pl_mc.detectors.detector": {"name": "chi2", "reading": "apriori"},
         "pl_mc.detectors.satterthwaite": {"variance_1": 2.5, "variance_2": 4.5, "count_1": 8, "count_2": [9, 10]},
         "pl_mc.noise_model": {"name": "student_t", "nu": 5.0},
+        "pl_mc.receiver.read_claims": {"path": Path(__file__).parents[1] / "receiver" / "files" / "esbjerg_llh.pos"},
+        "pl_mc.fit_overbound": {
+            "residuals": np.sin(np.arange(90.0)), "elevation_deg": np.arange(90.0),
+            "satellite": ["G01"] * 45 + ["G02"] * 45,
+            "time_gps_s": np.tile(30.0 * np.arange(45), 2), "independent": 60, "bins_deg": (0.0, 45.0, 90.0),
+            "confidence": 0.9, "bias": True,
+        },
+        "pl_mc.statistics.autocorrelation.effective_number": {
+            "values": np.sin(np.arange(40.0)), "places": np.arange(40), "series": ["G01"] * 40,
+        },
         "pl_mc.receiver.read_truth": {"text": "3582104.9,532590.2,5232755.3"},
         "pl_mc.faults.parse_fault": {"text": "G02:+30m:545-645"},
         "pl_mc.faults.fault_text": {"biases": parse_fault("G01:+3m")},

@@ -261,7 +261,7 @@ def test_names_tell_all_and_whole_numbers_are_the_same_record() -> None:
     assert repr(StudentT(4)) == repr(StudentT(4.0))
     assert Multipath().name == "multipath(chance=0.01,size=5,unit=m,law=exponential)"
     assert NominalBias((1, -2), "given").name == "nominal_bias(bias_m=[1 -2],sign=given)"
-    for name in NOISE_MODELS:
+    for name in set(NOISE_MODELS) - {"empirical"}:
         assert as_noise_model(name).name.startswith(name)
 
 

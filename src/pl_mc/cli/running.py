@@ -129,6 +129,9 @@ def observe(
     val: Limit = None,
     hal: Limit = None,
     axes: str | None = None,
+    claims: Annotated[tuple[Path, ...], Several] = (),
+    claim_multiplier: Limit = None,
+    residuals: Flag = False,
     out: Path | None = None,
     output: Output = _DEFAULT,
 ) -> None:
@@ -141,9 +144,10 @@ def observe(
     observations
         RINEX 2 (GPS alone), 3 or 4 observation file, plain, Hatanaka-compressed, .gz, .zip, .Z or .bz2.
     navigation
-        RINEX 2, 3 or 4 navigation files with broadcast ephemerides of that day, one or several.
+        RINEX 2, 3 or 4 navigation files with broadcast ephemerides of that day, one or several; observation files
+        among them are those of further days.
     truth
-        The true position: `X,Y,Z` Earth-fixed [m], or a CSV file with a track.
+        The true position: `X,Y,Z` Earth-fixed [m], or a file with a track: CSV, a `.pos` of RTKLIB, an NMEA log.
     systems
         Systems to use, RINEX letters: G (GPS), E (Galileo), C (BeiDou), R (GLONASS), J (QZSS), such as `G,E`;
         those of the first three that the files have unless given.
@@ -166,19 +170,31 @@ def observe(
         Vertical and horizontal alert limit [m], one or both; those of LPV-200 unless given.
     axes
         Which limit decides: vertical, horizontal or either; the vertical one, where it is given, unless told.
+    claims
+        A file in which the receiver or a program says how good its positions are, judged beside the methods: a `.pos`
+        of RTKLIB, an NMEA log with GST, a CSV file; repeatable. See docs/how-to/receiver.md.
+    claim_multiplier
+        What makes a claimed standard deviation a protection level; 6.18 horizontally and 5.33 vertically unless given.
+    residuals
+        Store the errors of all satellites, for `pl_mc.fit_overbound` and the noise model `empirical`.
     out
         Results folder; `runs/observe-NAME` unless given. An earlier result there is replaced.
     """
     from pl_mc.engine import Execution
     from pl_mc.experiments.loading import build_experiment
     from pl_mc.experiments.running import run_experiment
+    from pl_mc.receiver.rinex_text import is_observation_file
 
+    further = [path for path in navigation if is_observation_file(path)]
+    # Without any of navigation, what is wrong is said of the first.
+    further = further if len(further) < len(navigation) else []
+    days, sent = (observations, *further), tuple(path for path in navigation if path not in further)
     station = observations.name.split(".")[0]
     content: dict[str, Any] = {
         "kind": "observe",
         "title": f"{station}: position errors and protection levels",
-        "observations": observations,
-        "navigation": navigation[0] if len(navigation) == 1 else navigation,
+        "observations": days[0] if len(days) == 1 else days,
+        "navigation": sent[0] if len(sent) == 1 else sent,
         "truth": truth,
         "systems": _words(systems),
         "signals": _words(signals),
@@ -187,6 +203,9 @@ def observe(
         "ionosphere": ionosphere,
         "faults": fault,
         "methods": [_method(text) for text in method],
+        "claims": claims,
+        "claim_multiplier": claim_multiplier,
+        "residuals": residuals,
         **overrides(None, None, val, hal, () if axes is None else (axes,)),
     }
     record = build_experiment(content, source="observe")

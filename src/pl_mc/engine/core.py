@@ -9,6 +9,7 @@ from __future__ import annotations
 from dataclasses import dataclass, field
 
 import jax
+import numpy as np
 from jax import Array
 
 from pl_mc.engine.drawn_biases import DrawnBiases, bias_numbers
@@ -111,7 +112,9 @@ def block_noise(
 ) -> Array:
     """(n, LANES), the noise of one block at one epoch, in units of each satellite's sigma."""
     rows, dtype = model.design.shape[0], model.design.dtype
-    key = epoch_key(seed, one.epoch)
+    # Epochs that a model draws together share their numbers.
+    together = np.uint32(getattr(noise_model, "epochs_together", 1))
+    key = epoch_key(seed, one.epoch if together == 1 else one.epoch // together)
     return noise_model.shape(model, unit_inputs(key, block, noise_model.inputs_per_row, rows, dtype))
 
 

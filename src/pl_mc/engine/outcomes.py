@@ -30,6 +30,9 @@ from pl_mc.methods import Method, Outcome, as_methods
 from pl_mc.noise_models import GAUSSIAN, NoiseModel, as_noise_model
 from pl_mc.runtime.precision import dtype_of, precision_scope
 
+# Epochs that are solved together.
+_EPOCHS_AT_ONCE = 512
+
 OUTCOME_COLUMNS = ("east_m", "north_m", "up_m", "hpl_m", "vpl_m", "available", "alarm", "unconverged", "tied")
 
 _block_outcomes = jax.jit(block_outcomes, static_argnames=("noise_model",))
@@ -99,6 +102,7 @@ def solve(
     alert: str | AlertLimits = LPV_200,
     axis: str | None = None,
     precision: str = "float64",
+    tests: bool = False,
 ) -> pd.DataFrame:
     """What each method says of given pseudorange errors, epoch by epoch, such as those of a real receiver.
 
@@ -108,6 +112,7 @@ def solve(
             satellites of a system share changes the clock alone.
         methods, alert, precision: as for `pl_mc.sweep`.
         axis: whose alarm is told, one of those of `pl_mc.sweep`.
+        tests: whether a column ``rejected`` tells the verdict of the method's own test, where it has one.
 
     Returns:
         One row per epoch and method: ``epoch, time_gps_s, method, satellites, east_m, north_m, up_m, hpl_m, vpl_m,
@@ -118,13 +123,19 @@ def solve(
     axis = as_axis(axis, alert)
     series, errors = g.as_series(), require_errors(g, errors_m)
     chosen = as_methods(methods, g)
-    dtype = dtype_of(precision)
+    dtype, count, trees = dtype_of(precision), len(series.epoch), as_trees(chosen)
+    rows = [
+        series.design.astype(dtype), series.sigma_m.astype(dtype), series.in_view, errors.astype(dtype),
+        satellite_codes(series),
+    ]  # fmt: skip
+    # Cut where many epochs at once would fill the memory, into calls of one shape, the last one full of its last epoch.
+    size = min(count, _EPOCHS_AT_ONCE)
+    solved = []
     with precision_scope(precision):
-        found = _solve_series(
-            series.design.astype(dtype), series.sigma_m.astype(dtype), series.in_view, errors.astype(dtype),
-            satellite_codes(series), as_trees(chosen),
-        )  # fmt: skip
-        found = jax.tree.map(np.asarray, found)
+        for start in range(0, count, size):
+            places = np.minimum(np.arange(start, start + size), count - 1)
+            solved.append(jax.tree.map(np.asarray, _solve_series(*(one[places] for one in rows), trees)))
+    found = jax.tree.map(lambda *parts: np.concatenate(parts)[:count], *solved)
     parts = []
     for method, outcome in zip(chosen, found, strict=True):
         keys = {
@@ -134,7 +145,8 @@ def solve(
             "satellites": series.satellite_count,
         }
         moved = replace(outcome, error_m=outcome.error_m.T)
-        parts.append(pd.DataFrame(keys | _columns(moved, alert, axis)))
+        verdict = {"rejected": outcome.available & outcome.rejects} if tests else {}
+        parts.append(pd.DataFrame(keys | _columns(moved, alert, axis) | verdict))
     return pd.concat(parts).sort_values("epoch", kind="stable").reset_index(drop=True)
 
 

@@ -13,16 +13,14 @@ from pl_mc.methods import METHODS
 from pl_mc.report.run_folder import folder_name
 from pl_mc.runtime.small_files import parsed, parsed_json, read_text
 from pl_mc.studies.registry import FORMER, KINDS, in_todays_words, with_faults
+from pl_mc.studies.sources import PACKAGED_FOLDERS
 from pl_mc.studies.spec import Experiment
 from pl_mc.studies.validation import FieldProblem, problems_of, validated
-
-# A wheel carries the files inside the package; in a checkout they are at the top.
-_FOLDERS = (Path(__file__).parent / "files", Path(__file__).parents[3] / "experiments")
 
 
 def experiment_files() -> dict[str, Path]:
     """The experiments that come with the package, by name."""
-    folder = next((folder for folder in _FOLDERS if folder.is_dir()), None)
+    folder = next((folder for folder in PACKAGED_FOLDERS if folder.is_dir()), None)
     return {} if folder is None else {path.stem: path for path in sorted(folder.glob("*.toml"))}
 
 

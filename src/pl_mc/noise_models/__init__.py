@@ -4,6 +4,7 @@ Whatever the model, receivers and weights go on believing that an error has its 
 """
 
 from pl_mc.noise_models.base import GAUSSIAN, Gaussian, NoiseModel
+from pl_mc.noise_models.empirical import Empirical
 from pl_mc.noise_models.gauss_markov import GaussMarkov
 from pl_mc.noise_models.heavy_tails import GaussianMixture, StudentT
 from pl_mc.noise_models.off_centre import Multipath, NominalBias
@@ -12,6 +13,7 @@ from pl_mc.noise_models.registry import NOISE_MODELS, as_noise_model, noise_mode
 __all__ = [
     "GAUSSIAN",
     "NOISE_MODELS",
+    "Empirical",
     "GaussMarkov",
     "Gaussian",
     "GaussianMixture",

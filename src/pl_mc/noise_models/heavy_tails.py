@@ -5,6 +5,7 @@ from __future__ import annotations
 import functools
 from collections.abc import Sequence
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 from jax import Array
@@ -20,6 +21,18 @@ SIGMA, CORE = "sigma", "core"
 INFLATED, KEPT = "inflated", "kept"
 
 
+def _check_share(noise: Any) -> None:
+    """Make ``of_sigma`` of a frozen record a float, where it is given."""
+    if noise.of_sigma is not None:
+        require_positive(noise.of_sigma, field=f"{noise.base_name}: of_sigma")
+        make_floats(noise, "of_sigma")
+
+
+def _shared(noise: Any, errors: Array) -> Array:
+    """Errors of a law, in units of the sigma that is believed."""
+    return errors if noise.of_sigma is None else errors * noise.of_sigma
+
+
 @dataclass(frozen=True)
 class StudentT(OneNumber):
     """Student's t, independent between satellites, as overbounding studies fit to pseudorange residuals.
@@ -28,12 +41,14 @@ class StudentT(OneNumber):
         nu: degrees of freedom; above 2 where the standard deviation is to be sigma, else at least 1.
         match: what sigma stands for: ``sigma``, the standard deviation of the errors; or ``core``, half the width
             of the central 68.27 %, as if it had been read off the errors that are usual.
+        of_sigma: by what all errors are multiplied, sigma in truth over the one that is believed; 1 unless given.
     """
 
     base_name = "student_t"
 
     nu: float = 4.0
     match: str = SIGMA
+    of_sigma: float | None = None
 
     def __post_init__(self) -> None:
         require_positive(self.nu, field="student_t: nu")
@@ -46,6 +61,7 @@ class StudentT(OneNumber):
         if self.nu < 1.0:
             raise InputError(f"student_t: nu: at least 1 is needed, not {self.nu!r}.")
         make_floats(self, "nu")
+        _check_share(self)
 
     @property
     def unit(self) -> float:
@@ -55,7 +71,7 @@ class StudentT(OneNumber):
         return float(1.0 / -special.stdtrit(self.nu, special.ndtr(-1.0)))
 
     def shape(self, model: LinearModel, units: Sequence[Array]) -> Array:
-        return through_table(_student_t_table(self), units[0])
+        return _shared(self, through_table(_student_t_table(self), units[0]))
 
 
 @functools.lru_cache(maxsize=64)
@@ -85,6 +101,7 @@ class GaussianMixture(OneNumber):
         scale: its sigma over that of the core, above 1 and at most 100.
         variance: ``inflated``, the core has the satellite's sigma, so that the standard deviation of all errors is
             more; or ``kept``, the standard deviation is sigma, the core narrower.
+        of_sigma: by what all errors are multiplied, as for `StudentT`.
     """
 
     base_name = "gaussian_mixture"
@@ -92,6 +109,7 @@ class GaussianMixture(OneNumber):
     chance: float = 0.01
     scale: float = 3.0
     variance: str = INFLATED
+    of_sigma: float | None = None
 
     def __post_init__(self) -> None:
         require_fraction(self.chance, field="gaussian_mixture: chance")
@@ -101,6 +119,7 @@ class GaussianMixture(OneNumber):
             )
         require_choice(self.variance, (INFLATED, KEPT), field="gaussian_mixture: variance")
         make_floats(self, "chance", "scale")
+        _check_share(self)
 
     @property
     def core(self) -> float:
@@ -109,7 +128,7 @@ class GaussianMixture(OneNumber):
         return 1.0 if self.variance == INFLATED else float(total**-0.5)
 
     def shape(self, model: LinearModel, units: Sequence[Array]) -> Array:
-        return through_table(_mixture_table(self), units[0])
+        return _shared(self, through_table(_mixture_table(self), units[0]))
 
 
 @functools.lru_cache(maxsize=64)

@@ -9,9 +9,11 @@ from pl_mc.geometry.record import Geometry
 from pl_mc.input_errors import InputError, shown
 from pl_mc.named import build_named
 from pl_mc.noise_models.base import Gaussian, NoiseModel
+from pl_mc.noise_models.empirical import Empirical
 from pl_mc.noise_models.gauss_markov import GaussMarkov
 from pl_mc.noise_models.heavy_tails import GaussianMixture, StudentT
 from pl_mc.noise_models.off_centre import Multipath, NominalBias
+from pl_mc.runtime.model_files import is_model_file, options_in_file
 
 NOISE_MODELS: dict[str, type] = {
     "gaussian": Gaussian,
@@ -19,16 +21,25 @@ NOISE_MODELS: dict[str, type] = {
     "gaussian_mixture": GaussianMixture,
     "multipath": Multipath,
     "nominal_bias": NominalBias,
+    "empirical": Empirical,
 }
 
 
 def noise_model(name: str, **options: Any) -> NoiseModel:
-    """A noise model by name with its options; an `InputError` names what is unknown and the nearest choice."""
+    """A noise model by name with its options; an `InputError` names what is unknown and the nearest choice.
+
+    A TOML file, such as `pl_mc.fit_overbound` writes, serves as a name as well.
+    """
+    if is_model_file(name):
+        return noise_model(**options_in_file(name, "noise"), **options)
     return build_named(name, NOISE_MODELS, options, what="noise")
 
 
-def as_noise_model(noise: str | NoiseModel, g: Geometry | None = None) -> NoiseModel:
-    """A name or a record, made a record; an `InputError` for strangers and for what cannot serve a geometry."""
+def as_noise_model(noise: str | NoiseModel, g: Geometry | None = None, *, rare: bool = False) -> NoiseModel:
+    """A name or a record, made a record; an `InputError` for strangers and for what cannot serve a geometry.
+
+    ``rare`` asks for one that has a tail, which searches for rare events follow.
+    """
     if isinstance(noise, str):
         noise = noise_model(noise)
     if isinstance(noise, GaussMarkov):
@@ -39,6 +50,11 @@ def as_noise_model(noise: str | NoiseModel, g: Geometry | None = None) -> NoiseM
     # A compiled function is found again by its records, so they have to be hashable.
     if isinstance(noise, type) or not isinstance(noise, NoiseModel) or not isinstance(noise, Hashable):
         raise InputError(f"noise: {shown(noise)} is no noise model (valid names: {', '.join(NOISE_MODELS)}).")
+    if rare and not getattr(noise, "has_tail", True):
+        raise InputError(
+            f"noise: {noise.name} has nothing beyond the errors of its file, and this needs a tail; "
+            "pl_mc.fit_overbound fits a law to them."
+        )
     if g is not None:
         noise.require_geometry(g)
     return noise

@@ -7,6 +7,7 @@ from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
+import pandas as pd
 from numpy.typing import NDArray
 
 from pl_mc.constants import FREQUENCY_B1I_HZ, FREQUENCY_L1_HZ
@@ -51,9 +52,36 @@ class ReceiverSeries:
     signals: tuple[str, ...]
     notes: tuple[str, ...]
 
+    def residuals(self) -> pd.DataFrame:
+        """Errors of the satellites in view without what they have in common with their system: the receiver's clock.
+
+        One row per epoch and satellite, but for those that have their clock alone: ``epoch, time_gps_s, satellite,
+        elevation_deg, sigma_m, error_m, whitened``. The clock of each is the mean of its system, weighted by
+        1 / sigma^2; what a mean of few takes away of an error is given back, so that its variance is that of the
+        error (1 / sqrt(1 - w / sum of w)). ``whitened`` is the error over sigma.
+        """
+        g = self.geometry
+        weight = np.where(g.in_view, 1.0 / np.where(g.in_view, g.sigma_m, 1.0) ** 2, 0.0)
+        clock = np.abs(g.design[..., 3:]) > 0
+        of_system = np.einsum("enc,en->ec", clock, weight)
+        mean_m = np.einsum("enc,en,en->ec", clock, weight, self.errors_m) / np.where(of_system > 0, of_system, 1.0)
+        share = weight / np.maximum(np.einsum("enc,ec->en", clock, of_system), 1e-300)
+        row, column = np.nonzero(g.in_view & (share < 1.0 - 1e-9))
+        error_m = (self.errors_m - np.einsum("enc,ec->en", clock, mean_m))[row, column]
+        error_m = error_m / np.sqrt(1.0 - share[row, column])
+        sigma_m = g.sigma_m[row, column]
+        return pd.DataFrame(
+            {
+                "epoch": g.epoch[row], "time_gps_s": g.time_gps_s[row],
+                "satellite": np.array(g.names, dtype=object)[g.satellite[row, column]],
+                "elevation_deg": np.degrees(np.arcsin(-g.design[row, column, UP])), "sigma_m": sigma_m,
+                "error_m": error_m, "whitened": error_m / sigma_m,
+            }
+        )  # fmt: skip
+
 
 def read_receiver_series(
-    obs_path: str | Path,
+    obs_path: str | Path | Sequence[str | Path],
     nav_path: str | Path | Sequence[str | Path],
     truth: Truth,
     *,
@@ -77,7 +105,7 @@ def read_receiver_series(
     the window, and an elevation of at least the mask.
 
     Args:
-        obs_path, nav_path: RINEX files, of navigation one or several, see `pl_mc.receiver.rinex.read_rinex`.
+        obs_path, nav_path: RINEX files, one or several of either, see `pl_mc.receiver.rinex.read_rinex`.
         truth: the true position or track, see `pl_mc.receiver.truth.read_truth`.
         systems: RINEX letters, G, C, E, R and J; clock columns come in this order. Unless given, those of the first
             three that are there.
@@ -97,6 +125,8 @@ def read_receiver_series(
         raise InputError(f"mask_deg: {mask_deg:g} is outside 0 to 90 degrees.")
     model = as_error_model(error_model)
     data = read_rinex(obs_path, nav_path, systems=systems, signals=signals, ionosphere=ionosphere)
+    # How sentences call the files.
+    obs_path = obs_path if isinstance(obs_path, str | Path) else " and ".join(map(str, obs_path))
     clocks = tuple(dict.fromkeys(data.systems)) if systems is None else tuple(systems)
     truth_m, known = truth.at(data.time_gps_s)
     _require_usable_truth(obs_path, truth, truth_m, known, data)
@@ -222,7 +252,7 @@ def _misfit_below(
 
 
 def _require_usable_truth(
-    obs_path: str | Path, truth: Truth, truth_m: NDArray, known: NDArray[np.bool_], data: ReceiverData
+    obs_path: object, truth: Truth, truth_m: NDArray, known: NDArray[np.bool_], data: ReceiverData
 ) -> None:
     if not known.any():
         raise InputError(

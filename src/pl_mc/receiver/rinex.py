@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import os
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass
 from datetime import datetime, timedelta
 from pathlib import Path
 
@@ -19,7 +18,8 @@ from pl_mc.input_errors import InputError, require_choice
 from pl_mc.receiver.choices import checked_signals, checked_systems, delays_needed
 from pl_mc.receiver.ephemerides import Ephemeris
 from pl_mc.receiver.navigation_records import Navigation, read_navigation
-from pl_mc.receiver.observation_records import Event, Observations, read_observations
+from pl_mc.receiver.observation_records import Observations, read_observations
+from pl_mc.receiver.receiver_data import ReceiverData, joined
 from pl_mc.receiver.rinex_text import read_rinex_text
 from pl_mc.receiver.signals import SYSTEMS, USUAL_SYSTEMS, Observable, signals_of
 
@@ -33,62 +33,15 @@ _IONOSPHERE_ORDER = ("G", "C")
 _ABSENT, _USABLE, _NO_EPHEMERIS, _UNHEALTHY, _UNPREDICTED = range(5)
 
 
-@dataclass(frozen=True)
-class ReceiverData:
-    """What a receiver measured, and where the satellites were; e epochs, m satellites.
-
-    Attributes:
-        time_gps_s: (e,), epochs by the receiver's clock [s since 1980-01-06, GPS time].
-        names: m satellites by RINEX name, GPS first.
-        systems: m RINEX letters.
-        orbits: m classes of orbit: GPS (QZSS too), GAL, GLO, BDS-MEO, BDS-IGSO, BDS-GEO; or empty.
-        observables: of each system letter, which signal its pseudoranges are of, or which two are combined.
-        pseudorange_m: (e, m), of that signal, or of both without ionosphere [m]; NaN where missing.
-        satellite_position_m: (e, m, 3), Earth-fixed at transmission time [m]; NaN without usable ephemeris.
-        satellite_clock_m: (e, m), satellite clock with relativity and the group delay of the signals, as a length:
-            add it to a pseudorange to remove it [m]; NaN without usable ephemeris.
-        one_carrier: (e, m), observed on one of two carriers alone.
-        unhealthy: (e, m), observed while a message in force says that one of the signals is unhealthy.
-        unpredicted: (e, m), observed while the ephemeris in force predicts no accuracy (URA index 15, SISA NAPA).
-        no_ephemeris: (e, m), observed without an ephemeris within the window, or with a damaged one.
-        klobuchar_alpha, klobuchar_beta: (4,), coefficients of the ionosphere model; zeros where there is none.
-        ionosphere: whose model that is, G (GPS) or C (BeiDou); empty where the delay is to be left in.
-        header_position_m: (3,), approximate position of the header [m], never the truth; NaN where absent.
-        epochs_in_file: number of epochs of the file; more than e where some hold no pseudorange of the systems.
-        events: of the file, as far as they move or change the antenna or the site.
-        notes: sentences about what was left out of the files, or read in another way than usual.
-    """
-
-    time_gps_s: NDArray[np.float64]
-    names: tuple[str, ...]
-    systems: tuple[str, ...]
-    orbits: tuple[str, ...]
-    observables: Mapping[str, Observable]
-    pseudorange_m: NDArray[np.float64]
-    satellite_position_m: NDArray[np.float64]
-    satellite_clock_m: NDArray[np.float64]
-    one_carrier: NDArray[np.bool_]
-    unhealthy: NDArray[np.bool_]
-    unpredicted: NDArray[np.bool_]
-    no_ephemeris: NDArray[np.bool_]
-    klobuchar_alpha: NDArray[np.float64]
-    klobuchar_beta: NDArray[np.float64]
-    ionosphere: str
-    header_position_m: NDArray[np.float64]
-    epochs_in_file: int
-    events: tuple[Event, ...]
-    notes: tuple[str, ...]
-
-
 def read_rinex(
-    observation_path: str | Path,
+    observation_path: str | Path | Sequence[str | Path],
     navigation_path: str | Path | Sequence[str | Path],
     *,
     systems: Sequence[str] | None = None,
     signals: Sequence[str] | None = None,
     ionosphere: str = "broadcast",
 ) -> ReceiverData:
-    """Read an observation file and one or several navigation files.
+    """Read one or several observation files and one or several navigation files.
 
     They may be plain, ``.gz``, ``.bz2``, ``.xz``, ``.zip`` or ``.Z``, and Hatanaka-compressed. Versions 2 (GPS
     alone), 3 and 4 are read; the files may be of different ones. A line or a record that cannot be read, or says
@@ -100,7 +53,7 @@ def read_rinex(
     two; a signal whose delays the files do not have is not read. GPS time is BeiDou time plus 14 s.
 
     Args:
-        observation_path: the observation file.
+        observation_path: the observation file, or a sequence of them, such as those of several days.
         navigation_path: the navigation file, or a sequence of them, whose messages are put together.
         systems: RINEX letters; G (GPS), C (BeiDou), E (Galileo), R (GLONASS) and J (QZSS) are read. Those of the
             first three that the files have unless given.
@@ -113,12 +66,28 @@ def read_rinex(
 
     Raises:
         InputError: a file that is missing, of another kind or version, or of another day; a system that is not
-            read or not there; no coefficients. One sentence, which names the file and what can be done.
+            read or not there; no coefficients; observation files of the same time, or with other signals than the
+            first. One sentence, which names the file and what can be done.
     """
     require_choice(ionosphere, IONOSPHERES, field="ionosphere")
+    files = _checked_paths(observation_path, "observation")
+    parts = [
+        _read_one(path, navigation_path, systems=systems, signals=signals, ionosphere=ionosphere) for path in files
+    ]
+    return joined(parts, files)
+
+
+def _read_one(
+    observation_path: str | Path,
+    navigation_path: str | Path | Sequence[str | Path],
+    *,
+    systems: Sequence[str] | None,
+    signals: Sequence[str] | None,
+    ionosphere: str,
+) -> ReceiverData:
     letters = USUAL_SYSTEMS if systems is None else checked_systems(systems)
     asked = checked_signals(signals, letters, dual=ionosphere == "dual")
-    paths = _checked_paths(navigation_path)
+    paths = _checked_paths(navigation_path, "navigation")
     file = read_rinex_text(observation_path, "observation")
     told = {letter: {message for one in asked[letter] for message in one.messages[:1]} for letter in letters}
     navigation = read_navigation(paths, letters, told)
@@ -174,10 +143,10 @@ def _date(time_gps_s: float) -> datetime:
     return GPS_EPOCH + timedelta(seconds=float(time_gps_s))
 
 
-def _checked_paths(given: str | Path | Sequence[str | Path]) -> tuple[str | Path, ...]:
+def _checked_paths(given: str | Path | Sequence[str | Path], kind: str) -> tuple[str | Path, ...]:
     paths = (given,) if isinstance(given, str | os.PathLike) or not isinstance(given, Sequence) else tuple(given)
     if not paths:
-        raise InputError("navigation: a navigation file is needed, and none is given.")
+        raise InputError(f"{kind}: {'an' if kind[0] == 'o' else 'a'} {kind} file is needed, and none is given.")
     return paths
 
 

@@ -75,6 +75,15 @@ def label_of(line: str) -> str:
     return line[60:].strip()
 
 
+def is_observation_file(path: Path) -> bool:
+    """Whether a file says in its first line that it holds observations; False where it cannot be read."""
+    try:
+        head = read_unzipped(path)[:400].decode("latin-1").removeprefix("ï»¿").lstrip("\r\n")
+    except InputError:
+        return False
+    return "CRINEX VERS" in head[:82] or ("RINEX VERSION" in head[:80] and head[20:21] == "O")
+
+
 def read_rinex_text(path: str | Path, kind: str) -> RinexText:
     """Read, unpack and split a RINEX file: as `read_unzipped`, and Hatanaka-compressed.
 

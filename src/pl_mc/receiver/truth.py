@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -10,11 +11,20 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from pl_mc.geometry.frames import from_geodetic
-from pl_mc.input_errors import InputError, shown
-from pl_mc.runtime.unpacking import read_unzipped
-
-# A receiver is on the ground, at sea or in the air: from below the radius at the poles to well above the equator.
-LOWEST_RADIUS_M, HIGHEST_RADIUS_M = 6_300_000.0, 6_500_000.0
+from pl_mc.input_errors import InputError, require_path, shown
+from pl_mc.receiver.fixes import (
+    Fixes,
+    finite_number,
+    numbers_of,
+    require_geodetic,
+    require_gps_time,
+    require_near_surface,
+    text_lines,
+    week_seconds,
+)
+from pl_mc.receiver.nmea import is_nmea, read_nmea
+from pl_mc.receiver.rtklib_pos import is_pos, read_pos
+from pl_mc.receiver.tables import read_claims_table
 
 # Track samples further apart than this are a gap, across which nothing is interpolated.
 LONGEST_STEP_S = 2.0
@@ -28,8 +38,8 @@ FASTEST_M_S, _SMALLEST_JUMP_M = 2_000.0, 1_000.0
 # Times of a 1 Hz track and of receiver epochs agree to rounding error.
 _SAME_TIME_S = 1e-6
 
-SECONDS_PER_WEEK = 604_800.0
-_LAST_WEEK = 9999.0
+# Names of files end so, packed or not; what is in them shows in their first lines.
+_FILE = re.compile(r"\.(csv|pos|nmea|nma|ubx|log|txt)(\.(gz|bz2|xz|zip|z))?$", re.I)
 
 _XYZ_COLUMNS = ("time_gps_s", "x_m", "y_m", "z_m")
 
@@ -42,11 +52,13 @@ class Truth:
         time_gps_s: (k,), times of a track, increasing [s since 1980-01-06, GPS time]; empty for a fixed point.
         position_m: (k, 3), Earth-fixed positions of the track, (1, 3) for a fixed point [m].
         source: what it was read from, for messages.
+        notes: sentences about what the file holds and what of it was left out.
     """
 
     time_gps_s: NDArray[np.float64]
     position_m: NDArray[np.float64]
     source: str
+    notes: tuple[str, ...] = ()
 
     @property
     def is_track(self) -> bool:
@@ -73,14 +85,19 @@ class Truth:
         return np.where(known[:, None], positions, np.nan), known
 
 
+def is_file(text: str) -> bool:
+    """Whether a truth is the name of a file, and not a position."""
+    return _FILE.search(text.strip()) is not None
+
+
 def read_truth(text: str) -> Truth:
-    """The true position from ``X,Y,Z`` or from a track file.
+    """The true position from ``X,Y,Z`` or from a file with a track.
 
     Args:
-        text: three Earth-fixed coordinates in metres, separated by commas; or the path of a ``.csv`` or
-            ``.csv.gz`` file with the columns GPS week, seconds of week, latitude [deg], longitude [deg],
-            ellipsoidal height [m], or with a heading ``time_gps_s,x_m,y_m,z_m``. Lines that start with ``#`` are
-            comments.
+        text: three Earth-fixed coordinates in metres, separated by commas; or the path of a file, plain or packed
+            (``.gz``): a ``.csv`` with the columns GPS week, seconds of week, latitude [deg], longitude [deg],
+            ellipsoidal height [m], or with a heading ``time_gps_s,x_m,y_m,z_m``, where lines that start with ``#`` are
+            comments; a solution of RTKLIB, ``.pos``; a log of NMEA sentences, ``.nmea`` or ``.txt``, with GGA and RMC.
 
     Raises:
         InputError: neither of both, a file that cannot be read (with its line), or a position away from the
@@ -88,21 +105,46 @@ def read_truth(text: str) -> Truth:
     """
     if not isinstance(text, str):
         raise InputError(f"truth: X,Y,Z or the path of a track is needed, as text, not {shown(text)}.")
-    if text.strip().lower().endswith((".csv", ".csv.gz")):
+    if is_file(text):
         return _read_track(Path(text.strip()))
     parts = text.split(",")
-    numbers = [_number(part) for part in parts]
+    numbers = [finite_number(part) for part in parts]
     if len(parts) != 3 or any(number is None for number in numbers):
         raise InputError(
-            f"truth: {shown(text)} is neither X,Y,Z (three Earth-fixed metres) nor the path of a .csv or .csv.gz track."
+            f"truth: {shown(text)} is neither X,Y,Z (three Earth-fixed metres) nor the path of a track (.csv, .pos of "
+            "RTKLIB, .nmea)."
         )
     position = np.array(numbers, dtype=float)
-    _require_near_surface(position, "truth")
+    require_near_surface(position, "truth")
     return Truth(time_gps_s=np.empty(0), position_m=position[None], source=text)
 
 
+def read_claims(path: Path) -> Fixes:
+    """What a receiver or a program says of its own positions: a ``.pos``, an NMEA log, or a table.
+
+    Raises:
+        InputError: a file that cannot be read, or that claims nothing.
+    """
+    path = require_path(path, field="claims")
+    lines = text_lines(path, "a .pos of RTKLIB, an NMEA log or a CSV file is needed")
+    fixes = _fixes(path, lines) or read_claims_table(path, lines)
+    if fixes.covariance_m2 is None and not fixes.level_m:
+        claims = "GST sentences" if is_nmea(lines) else "standard deviations above zero"
+        raise InputError(f"{path}: it says nothing of the errors of its positions; {claims} are needed.")
+    return fixes
+
+
+def _fixes(path: Path, lines: Sequence[str]) -> Fixes | None:
+    """The positions of a file in the form of a program or of receivers; None where it is a table."""
+    return read_pos(path, lines) if is_pos(lines) else read_nmea(path, lines) if is_nmea(lines) else None
+
+
 def _read_track(path: Path) -> Truth:
-    lines = _lines(path)
+    lines = text_lines(path, "a track is a CSV file, a .pos of RTKLIB or an NMEA log")
+    fixes = _fixes(path, lines)
+    if fixes is not None:
+        _require_possible_steps(fixes)
+        return Truth(fixes.time_gps_s, fixes.position_m, fixes.source, fixes.notes)
     _require_whole_end(path, lines)
     rows: list[list[float]] = []
     times: list[float] = []
@@ -141,13 +183,6 @@ def _positions(rows: Sequence[Sequence[float]], columns: tuple[str, ...]) -> NDA
     return from_geodetic(np.radians(values[:, 0]), np.radians(values[:, 1]), values[:, 2])
 
 
-def _lines(path: Path) -> list[str]:
-    try:
-        return read_unzipped(path).decode("utf-8-sig").replace("\r\n", "\n").replace("\r", "\n").split("\n")
-    except UnicodeDecodeError:
-        raise InputError(f"{path}: it is not a text file; a track is a CSV file.") from None
-
-
 def _require_whole_end(path: Path, lines: Sequence[str]) -> None:
     """Raise `InputError` where the last line has no end and its last number fewer decimals than the one before."""
     if len(lines) < 2 or not lines[-1].strip():
@@ -159,7 +194,7 @@ def _require_whole_end(path: Path, lines: Sequence[str]) -> None:
 
 def _columns(path: Path, count: int, fields: Sequence[str]) -> tuple[tuple[str, ...], bool]:
     """The columns of a track and whether its first line is a heading."""
-    heading = all(_number(field) is None for field in fields)
+    heading = all(finite_number(field) is None for field in fields)
     if heading and tuple(fields) == _XYZ_COLUMNS:
         return _XYZ_COLUMNS, True
     if len(fields) == 5:
@@ -172,30 +207,23 @@ def _columns(path: Path, count: int, fields: Sequence[str]) -> tuple[tuple[str, 
 
 def _sample(where: str, fields: Sequence[str], columns: tuple[str, ...]) -> tuple[float, list[float]]:
     """Time [s] and the three coordinates of a line."""
-    numbers = []
-    for name, field in zip(columns, fields, strict=True):
-        number = _number(field)
-        if number is None:
-            raise InputError(f"{where}: the {name} {field!r} is not a finite number.")
-        numbers.append(number)
+    numbers = numbers_of(where, columns, fields)
     if columns == _XYZ_COLUMNS:
-        if not 0.0 <= numbers[0] < _LAST_WEEK * SECONDS_PER_WEEK:
-            raise InputError(f"{where}: the time_gps_s {numbers[0]:g} is outside GPS weeks 0 to {_LAST_WEEK:g}.")
-        _require_near_surface(np.array(numbers[1:]), where)
+        require_gps_time(where, numbers[0])
+        require_near_surface(np.array(numbers[1:]), where)
         return numbers[0], numbers[1:]
     week, seconds, *geodetic = numbers
-    for name, value, low, high in (
-        ("GPS week", week, 0.0, _LAST_WEEK),
-        ("seconds of week", seconds, 0.0, SECONDS_PER_WEEK),
-        ("latitude", geodetic[0], -90.0, 90.0),
-        ("longitude", geodetic[1], -180.0, 360.0),
-        ("height", geodetic[2], -1000.0, 50_000.0),
-    ):
-        if not low <= value <= high:
-            raise InputError(f"{where}: the {name} {value:g} is outside {low:g} to {high:g}.")
-    if week != int(week):
-        raise InputError(f"{where}: the GPS week {week:g} is not a whole number.")
-    return week * SECONDS_PER_WEEK + seconds, geodetic
+    time_s = week_seconds(where, week, seconds)
+    require_geodetic(where, *geodetic)
+    return time_s, geodetic
+
+
+def _require_possible_steps(fixes: Fixes) -> None:
+    """Raise `InputError` where one of the steps of a track is impossible, see `_require_possible_step`."""
+    step_s, step_m = np.diff(fixes.time_gps_s), np.linalg.norm(np.diff(fixes.position_m, axis=0), axis=1)
+    for k in np.flatnonzero(step_m > FASTEST_M_S * step_s + _SMALLEST_JUMP_M):
+        where = f"{fixes.source}, {fixes.time_gps_s[k + 1] % 86_400:g} s of the day"
+        _require_possible_step(where, step_s[k], fixes.position_m[k : k + 2])
 
 
 def _require_possible_step(where: str, step_s: float, ends_m: NDArray[np.float64]) -> None:
@@ -206,30 +234,3 @@ def _require_possible_step(where: str, step_s: float, ends_m: NDArray[np.float64
             f"{where}: the track jumps by {distance_m / 1e3:.6g} km within {step_s:g} s; one of the two positions "
             "is damaged."
         )
-
-
-def _require_near_surface(position_m: NDArray[np.float64], where: str) -> None:
-    """Raise `InputError`, with the likely cause, unless the position is on the ground or in the air."""
-    # Clipped, so that the square of an enormous figure is a number.
-    radius_m = float(np.linalg.norm(np.clip(position_m, -1e100, 1e100)))
-    if LOWEST_RADIUS_M <= radius_m <= HIGHEST_RADIUS_M:
-        return
-    if LOWEST_RADIUS_M <= 1e3 * radius_m <= HIGHEST_RADIUS_M:
-        cause = "the figures look like kilometres"
-    elif np.abs(position_m[0]) <= 90 and np.abs(position_m[1]) <= 360:
-        cause = "the figures look like latitude, longitude and height"
-    else:
-        cause = "are these Earth-fixed X, Y, Z in metres?"
-    raise InputError(
-        f"{where}: the position is {radius_m / 1e3:.6g} km from the Earth's centre, and a receiver is "
-        f"{LOWEST_RADIUS_M / 1e3:.0f} to {HIGHEST_RADIUS_M / 1e3:.0f} km from it; {cause}."
-    )
-
-
-def _number(text: str) -> float | None:
-    """``text`` as a finite number, None if it is none; digits of other alphabets and underscores are none."""
-    try:
-        value = float(text) if text.isascii() and "_" not in text else np.nan
-    except ValueError:
-        return None
-    return value if np.isfinite(value) else None

@@ -91,6 +91,13 @@ def seconds_behind_gps(product: Any, julian_dates: Sequence[float]) -> list[floa
     return [sidereon.timescale_offset_at(scale, scales.GPST, float(date)) for date in julian_dates]
 
 
+def gps_minus_utc_s(julian_date: float) -> float:
+    """GPS time less UTC at a Julian date in UTC [s]."""
+    import sidereon
+
+    return float(sidereon.gps_utc_offset_s(julian_date))
+
+
 def codes(header: Any, system: str) -> list[str]:
     """Observation codes of a system letter in a header, column by column; of RINEX 2 by their names in RINEX 3."""
     return list(header.declared_obs_codes(_system(system)))

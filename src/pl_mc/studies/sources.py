@@ -27,10 +27,13 @@ from pl_mc.input_errors import InputError
 from pl_mc.kernels.noise import LANES, epoch_key, unit_noise
 from pl_mc.receiver import read_receiver_series, read_truth
 from pl_mc.runtime.precision import dtype_of, precision_scope
-from pl_mc.studies.spec import ReceiverFiles, SimulatedGeometry, Strict, satellite_files
+from pl_mc.studies.spec import ReceiverFiles, SimulatedGeometry, Strict, numbered, satellite_files
 
 # Names the folder in which the files of receivers are looked for.
 DATA_VARIABLE = "PL_MC_DATA"
+
+# Where the experiments of the package are, and files that come with them: in a wheel, and in a checkout.
+PACKAGED_FOLDERS = (Path(__file__).parents[1] / "experiments" / "files", Path(__file__).parents[3] / "experiments")
 
 _FORMS = {"site": "Site", "flight": "Flight", "receiver": "Receiver"}
 
@@ -148,7 +151,7 @@ class ReceiverSource(ReceiverFiles):
         """The series with the errors that the receiver had; the noise is its own, so draws and seed do nothing."""
         files = self.files()
         read = read_receiver_series(
-            files["observations"],
+            [path for field, path in files.items() if field.startswith("observations")],
             [path for field, path in files.items() if field.startswith("navigation")],
             read_truth(str(files["truth"]) if self.has_track() else self.truth),
             systems=self.systems,
@@ -162,11 +165,12 @@ class ReceiverSource(ReceiverFiles):
     def describe(self) -> str:
         """The source in words."""
         truth = "its track" if self.has_track() else "its known position"
+        named = " and ".join(path.name for path in numbered("observations", self.observations).values())
         systems = "those it has" if self.systems is None else " + ".join(self.systems)
         systems += "" if self.signals is None else f", signals {', '.join(self.signals)}"
         systems += "" if self.ionosphere == "broadcast" else f", ionosphere {self.ionosphere}"
         return (
-            f"receiver file {self.observations.name} against {truth}, systems {systems}, mask "
+            f"receiver file {named} against {truth}, systems {systems}, mask "
             f"{self.mask_deg:g} deg; the receiver's own errors; sigma from the error model {self.error_model}"
         )
 
@@ -228,6 +232,14 @@ def flight_table(flight: Flight) -> pd.DataFrame:
             "bank_deg": np.degrees(flight.bank_rad).round(3),
         }
     )
+
+
+def where_it_is(path: Path) -> Path:
+    """A file of an observation: as it is named, in the folder of receiver files, or among the package's experiments."""
+    folder = os.environ.get(DATA_VARIABLE)
+    folders = [*([Path(folder)] if folder else []), *PACKAGED_FOLDERS]
+    places = [path, *([] if path.is_absolute() else [folder / path for folder in folders])]
+    return next((place for place in places if place.is_file()), path)
 
 
 def _found(field: str, path: Path) -> Path:

@@ -26,6 +26,7 @@ from pl_mc.geometry.record import SYSTEM_NAMES
 from pl_mc.input_errors import InputError, nearest, shown
 from pl_mc.methods import Method, as_methods, method
 from pl_mc.noise_models import NoiseModel, noise_model
+from pl_mc.receiver.truth import is_file
 
 _NUMBERS = (int, float, int | None, float | None)
 
@@ -103,12 +104,12 @@ class SimulatedGeometry(Strict):
 class ReceiverFiles(Strict):
     """A receiver's RINEX files and where it truly was; fields of `pl_mc.receiver.read_receiver_series`.
 
-    ``navigation`` is one file or several; ``truth`` is ``X,Y,Z`` Earth-fixed [m] or the name of a track; ``systems``
-    are those of GPS, BeiDou and Galileo that the files have unless given; ``signals`` are names such as ``L5``, or with
-    the ionosphere ``dual`` pairs such as ``E1+E5b``.
+    ``observations`` and ``navigation`` are one file or several; ``truth`` is ``X,Y,Z`` Earth-fixed [m] or the name of a
+    track; ``systems`` are those of GPS, BeiDou and Galileo that the files have unless given; ``signals`` are names such
+    as ``L5``, or with the ionosphere ``dual`` pairs such as ``E1+E5b``.
     """
 
-    observations: Path
+    observations: Path | tuple[Path, ...]
     navigation: Path | tuple[Path, ...]
     truth: str
     systems: tuple[str, ...] | None = None
@@ -133,15 +134,19 @@ class ReceiverFiles(Strict):
         return error_model(self.error_model, **self.error_options)
 
     def receiver_files(self) -> dict[str, Path]:
-        """The files by field; of several navigation files each one but the first has its number."""
-        several = self.navigation if isinstance(self.navigation, tuple) else (self.navigation,)
-        names = ["navigation", *(f"navigation {k}" for k in range(2, len(several) + 1))]
-        files = {"observations": self.observations, **dict(zip(names, several, strict=False))}
+        """The files by field; of several of a field each one but the first has its number."""
+        files = numbered("observations", self.observations) | numbered("navigation", self.navigation)
         return files | ({"truth": Path(self.truth)} if self.has_track() else {})
 
     def has_track(self) -> bool:
         """Whether the truth is a file."""
-        return self.truth.strip().lower().endswith((".csv", ".csv.gz"))
+        return is_file(self.truth)
+
+
+def numbered(field: str, paths: Path | tuple[Path, ...]) -> dict[str, Path]:
+    """Files of a field by its name, with a number from the second on."""
+    several = paths if isinstance(paths, tuple) else (paths,)
+    return {field if k == 1 else f"{field} {k}": path for k, path in enumerate(several, start=1)}
 
 
 def _each_once(names: tuple[str, ...]) -> tuple[str, ...]:

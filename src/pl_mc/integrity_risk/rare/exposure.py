@@ -107,7 +107,7 @@ def exposure(
     require_single(g, "an exposure")
     draws = require_whole(draws, field="draws", low=1, high=LARGEST_DRAWS)
     seed = require_whole(seed, field="seed", low=0, high=LARGEST_SEED)
-    model = as_noise_model(noise, g)
+    model = as_noise_model(noise, g, rare=True)
     chosen = as_methods(methods, g)
     samples = samples_of(duration_s, interval_s)
     taus = _taus(tau_s)

@@ -157,7 +157,7 @@ def risk(
     require_within(target_cov, field="target_cov", low=1e-3, high=1.0)
     threads = cores() if workers is None else require_whole(workers, field="workers", low=1)
     (chosen,) = as_methods([method], g)
-    model = as_noise_model(noise, g)
+    model = as_noise_model(noise, g, rare=True)
     series = g.as_series()
     available = solved_epochs(series, chosen)
     rows = [(int(epoch), int(fault)) for epoch, fault in zip(*np.nonzero(faults.applies(g)), strict=True)]

@@ -12,7 +12,7 @@ from pl_mc.report.findings import picture
 
 @picture(
     "frontier",
-    "Mean level against the proven risk, one curve a method along its multiplier; single points are levels without one.",
+    "Mean level against proven risk, one curve a method along its multiplier; single points are levels without one.",
 )
 def frontier_figure(curves: pd.DataFrame, frontier: pd.DataFrame, *, axis: str, title: str) -> Figure:
     """A panel for each sky; ``curves`` has level and risk by sky, method and factor of the multiplier."""

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import zlib
-from typing import Annotated, Any, ClassVar, Literal
+from typing import Annotated, Any, Literal
 
 import numpy as np
 from pydantic import Field
@@ -12,7 +12,7 @@ from pl_mc.error_models import error_model
 from pl_mc.geometry import Geometry, simulate
 from pl_mc.integrity_risk.given_residuals import RiskBudget
 from pl_mc.integrity_risk.given_residuals.budget import as_budget
-from pl_mc.studies.spec import ByAxes, Strict
+from pl_mc.studies.spec import ByOneLevel, Strict
 
 WORLD = "world"
 
@@ -62,7 +62,7 @@ class Sky(Strict):
         return [g for g in found if int(g.satellite_count) > int(g.unknown_count)]
 
 
-class FrontierExperiment(ByAxes):
+class FrontierExperiment(ByOneLevel):
     """Methods at equal proven risk.
 
     Attributes:
@@ -75,9 +75,6 @@ class FrontierExperiment(ByAxes):
         biases_m: nominal biases that the multiplier did not know of [m].
         independent: independent samples of an approach, by which alarms add up to discontinuity.
     """
-
-    most_axes: ClassVar[int] = 1
-    takes_either: ClassVar[bool] = False
 
     kind: Literal["frontier"] = "frontier"
     skies: Annotated[tuple[Sky, ...], Field(min_length=1)]

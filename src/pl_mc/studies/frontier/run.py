@@ -42,7 +42,7 @@ _PER_DRAW, _SCENARIOS_PER_S = 110.0, 4e5
 def run(experiment: FrontierExperiment, execution: Execution) -> Findings:
     """What every method needs and gives at every geometry; over each sky; under wrong assumptions."""
     budget = experiment.risk_budget()
-    (judged,) = experiment.judged()
+    judged = experiment.decides
     ((_, _, limit_m),) = judged.levels
     skies = [(sky, sky.geometries(experiment.seed)) for sky in experiment.skies]
     items = [

@@ -27,7 +27,7 @@ def summary(
     experiment: FrontierExperiment, frontier: pd.DataFrame, multipliers: pd.DataFrame, stress: pd.DataFrame
 ) -> Summary:
     """What was judged; for each sky the methods, the smallest mean level first; one multiplier; wrong assumptions."""
-    budget, (judged,) = experiment.risk_budget(), experiment.judged()
+    budget, judged = experiment.risk_budget(), experiment.decides
     ((_, _, limit_m),) = judged.levels
     axis = judged.axis
     bias = f", nominal biases of {budget.b_nom_m:g} m" if budget.b_nom_m else ""

@@ -1,6 +1,8 @@
 """Real receiver files, every method at every epoch, with injected faults."""
 
-from pl_mc.studies.observe.run import ObserveExperiment, answer, checks, run, work
+from pl_mc.studies.observe.record import ObserveExperiment
+from pl_mc.studies.observe.run import checks, run, work
+from pl_mc.studies.observe.text import answer
 from pl_mc.studies.study import Study
 
 STUDY = Study(

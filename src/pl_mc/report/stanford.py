@@ -1,0 +1,118 @@
+"""Stanford diagrams: error against protection level, with the regions that they and the alert limit make."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+import pandas as pd
+from matplotlib.axes import Axes
+from matplotlib.colors import LogNorm
+from matplotlib.figure import Figure
+from matplotlib.patches import Polygon
+from numpy.typing import NDArray
+
+from pl_mc.alert import Judged
+from pl_mc.report.figures import DASHED, in_common_look, method_label, new_figure, note
+from pl_mc.report.text import row_rate
+
+# Shades of the regions in which something is wrong; the counts lie over them.
+_MISLEADING, _HAZARDOUS, _UNAVAILABLE = "#FBE7D3", "#F3C6AE", "0.93"
+# Cells are coloured from light to dark, so that many is dark in grey too and an empty cell shows its region.
+_COLOURS = "viridis_r"
+
+
+@in_common_look
+def stanford_figure(
+    plane: NDArray[np.int64], regions: pd.DataFrame, edges_m: NDArray[np.float64], *, judged: Judged, title: str,
+    columns: int = 99, counted: str = "scenarios", named_by: str | None = None,
+) -> Figure:  # fmt: skip
+    """One panel per method, all with the same axes and colours.
+
+    Args:
+        plane: (methods, cells + 1, cells + 1), counts by cell of error and level; the last of each axis is beyond.
+        regions: ``method, region, count, scenarios, rate, low, high``, methods in the order of ``plane``.
+        edges_m: (cells + 2,), edges of the cells, the last infinite [m].
+        judged: the axis with its limit, which is drawn.
+        title: heading.
+        columns: panels side by side at the most.
+        counted: what is counted.
+        named_by: the axis of whose level the names of methods speak; that of the diagram unless given.
+    """
+    methods, (called,), ((_, _, limit_m),) = list(dict.fromkeys(regions.method)), judged.called, judged.levels
+    across = min(columns, len(methods))
+    down = -(-len(methods) // across)
+    options: Any = {"width_in": 4.55 * across + 1.0, "height_in": 4.9 * down + 0.2, "title": title}
+    figure, axes = new_figure(down, across, **options, sharey=True)
+    for panel in axes[len(methods) :]:
+        panel.remove()
+    axes = axes[: len(methods)]
+    reach = edges_m[-2]
+    # What is beyond the reach has a strip of its own, set off from the plane.
+    gap, strip = 0.012 * reach, 0.035 * reach
+    norm = LogNorm(1, max(int(plane.max()), 10))
+    end = reach + gap + strip
+    inner, beyond = edges_m[:-1], np.array([reach + gap, end])
+    # Round steps, some six of them; near the end there is no room for a figure.
+    steps = np.outer(10.0 ** np.arange(-3, 6), [1.0, 2.0, 5.0]).ravel()
+    step = steps[np.searchsorted(steps, reach / 9.0)]
+    ticks = [tick for tick in np.arange(0, reach, step) if reach - tick > 0.07 * reach]
+    ticks, labels = [*ticks, reach + gap + strip / 2], [*(f"{tick:g}" for tick in ticks), f"> {reach:g}"]
+    options = {"norm": norm, "cmap": _COLOURS, "rasterized": True, "zorder": 2}
+    for panel, method, counts in zip(axes, methods, plane, strict=True):
+        _regions(panel, limit_m, called.limit, reach, end)
+        shown = np.ma.masked_equal(counts.T, 0)  # rows are levels
+        for x, cells in ((inner, np.s_[:-1]), (beyond, np.s_[-1:])):
+            panel.pcolormesh(x, inner, shown[:-1, cells], **options)
+            panel.pcolormesh(x, beyond, shown[-1:, cells], **options)
+        panel.axhline(reach + gap / 2, color="white", linewidth=2.5, zorder=2.5)
+        panel.axvline(reach + gap / 2, color="white", linewidth=2.5, zorder=2.5)
+        _numbers(panel, regions[regions.method == method].set_index("region"), limit_m, reach)
+        panel.set(xlim=(0, end), ylim=(0, end), xlabel=f"{called.size} [m]", aspect="equal")
+        panel.set_xticks(ticks, labels)
+        panel.set_yticks(ticks, labels)
+        panel.grid(visible=False)
+        panel.set_title(method_label(method, named_by or judged.axis))
+    for panel in axes[::across]:
+        panel.set_ylabel(f"{judged.axis} protection level [m]")
+    cell = edges_m[1] - edges_m[0]
+    bar = figure.colorbar(axes[0].collections[0], ax=axes, pad=0.012, shrink=0.86 / down)
+    bar.set_label(f"{counted} in a cell of {cell:g} m by {cell:g} m, or beyond {reach:g} m")
+    return figure
+
+
+def _regions(panel: Axes, limit: float, name: str, reach: float, end: float) -> None:
+    """The regions as shades, with the diagonal and the alert limit."""
+    for corners, colour in (
+        ([(0, 0), (limit, 0), (limit, limit)], _MISLEADING),
+        ([(limit, 0), (end, 0), (end, limit), (limit, limit)], _HAZARDOUS),
+        ([(0, limit), (end, limit), (end, end), (0, end)], _UNAVAILABLE),
+    ):
+        panel.add_patch(Polygon(corners, closed=True, facecolor=colour, edgecolor="none", zorder=0.5))
+    panel.plot([0, reach], [0, reach], color="0.15", linewidth=1.0, zorder=3)
+    for ends in (([0, end], [limit, limit]), ([limit, limit], [0, limit])):
+        panel.plot(*ends, **DASHED | {"linewidth": 1.0, "zorder": 3})
+    look: Any = {"ha": "right", "va": "top", "color": "0.15", "zorder": 4}
+    note(panel, f"{name} {limit:g} m", (reach, limit), shift=(-3, -3), **look)
+
+
+def _numbers(panel: Axes, rows: pd.DataFrame, limit: float, reach: float) -> None:
+    """Name, count and rate of each region, written where it is."""
+    high = (limit + reach) / 2
+    for region, heading, x, y, side in (
+        ("nominal", "nominal", 0.25 * limit, 0.895 * limit, "left"),
+        ("misleading", "misleading", 0.985 * limit, 0.17 * limit, "right"),
+        ("hazardously misleading", "hazardously\nmisleading", (limit + reach) / 2, 0.5 * limit, "center"),
+        ("system unavailable", "system unavailable", 0.26 * limit, high + 0.1 * (reach - limit), "left"),
+        ("system unavailable, error beyond level", "unavailable and\nmisleading", 0.99 * reach,
+         limit + 0.3 * (reach - limit), "right"),
+    ):  # fmt: skip
+        row = rows.loc[region]
+        rate = row_rate(row, "count", "scenarios")
+        lines = [heading, f"{int(row['count']):,}", *([] if rate.startswith("all") else [rate])]
+        # Readable over cells of any colour.
+        box = {"facecolor": "white", "alpha": 0.78, "edgecolor": "none", "pad": 1.5}
+        panel.text(
+            x, y, "\n".join(lines), ha=side, va="center", fontsize=7.2, linespacing=1.15, color="0.05", zorder=5,
+            bbox=box,
+        )  # fmt: skip
