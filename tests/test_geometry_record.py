@@ -54,6 +54,7 @@ def with_value(array, place, value):
         ("sigma_m", lambda s: with_value(s, 2, -1.0), "sigma_m: G03 has -1"),
         ("sigma_m", lambda s: with_value(s, 2, np.nan), "sigma_m: G03 has nan"),
         ("sigma_m", lambda s: with_value(s, 2, np.inf), "sigma_m: G03 has inf"),
+        ("sigma_m", lambda s: [str(one) for one in s], r"array of numbers \(it holds '[\d.]+'\)\."),
         ("design", lambda d: with_value(d, (4, 1), np.nan), "design: the row of G05 is not finite"),
         ("design", lambda d: with_value(d, (4, 1), np.inf), "design: the row of G05 is not finite"),
         ("design", lambda d: with_value(d, np.s_[:, 4], 0.0), "design: column 4 is all zeros"),

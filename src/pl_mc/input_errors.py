@@ -132,7 +132,7 @@ def require_numbers(value: ArrayLike, *, field: str) -> NDArray[np.float64]:
         # Whole numbers beyond 64 bits, and tables whose columns have several types, are arrays of objects.
         of_objects = array.dtype == object and all(_is_real(one) for one in array.flat)
         if not (of_objects or array.dtype.kind in "iuf") or np.ma.is_masked(value):
-            raise TypeError("it holds " + (shown(next(iter(array.flat))) if array.size else shown(value)))
+            raise TypeError("it holds " + (shown(array.flat[:1].tolist()[0] if array.size else value)))
         with np.errstate(over="ignore"):
             return np.array(array, dtype=np.float64)
     except (TypeError, ValueError, OverflowError) as error:

@@ -8,6 +8,7 @@ from __future__ import annotations
 import argparse
 import json
 import platform
+import resource
 import sys
 import time
 from collections.abc import Sequence
@@ -57,6 +58,8 @@ def main() -> None:
     wanted = planned(options.count, options.seed)
     found = pd.DataFrame([asdict(one) for one in outcomes(wanted)])
     seconds = time.perf_counter() - begin
+    # Of the processes that read the cases, each of them thousands; kilobytes where this runs.
+    largest_gb = resource.getrusage(resource.RUSAGE_CHILDREN).ru_maxrss / 1e6
     with result_folder(options.out, sign=SIGN) as folder:
         table = counted(found)
         write_table(table, folder, SIGN.removesuffix(".csv"))
@@ -65,8 +68,9 @@ def main() -> None:
         if len(bad):
             write_table(bad.drop(columns="seconds"), folder, "findings")
         save_figure(figure(table), folder, "fuzz")
-        (folder / "summary.md").write_text(summary(table, seconds, found.seconds.max(), options.seed), encoding="utf-8")
-    print(summary(table, seconds, found.seconds.max(), options.seed))
+        text = summary(table, seconds, found.seconds.max(), largest_gb, options.seed)
+        (folder / "summary.md").write_text(text, encoding="utf-8")
+    print(text)
     print(json.dumps(bad.drop(columns="seconds").to_dict("records"), indent=1)[:20_000])
 
 
@@ -142,7 +146,7 @@ def share(events: int, number: int, what: str, came: str) -> str:
     return f"{events} of {number:,} {what} {came} (at most {high:.2g} %, 95 %)"
 
 
-def summary(table: pd.DataFrame, seconds: float, slowest_s: float, seed: int) -> str:
+def summary(table: pd.DataFrame, seconds: float, slowest_s: float, largest_gb: float, seed: int) -> str:
     """The study in Markdown."""
     total, findings = int(table.cases.sum()), int(table.findings.sum())
     files = table[table.mutation != STRANGE_ARGUMENTS]
@@ -179,9 +183,9 @@ def summary(table: pd.DataFrame, seconds: float, slowest_s: float, seed: int) ->
         "",
         "`interruptions.md` is of runs that were killed and of stored files that were damaged before a run went on.",
         "",
-        f"One process on one core, {seconds:.0f} s in all, the slowest case {slowest_s:.2f} s; "
-        f"Python {platform.python_version()}. Again: `python tests/fuzzing/study.py --count {total} "
-        f"--seed {seed} --out FOLDER`.",
+        f"One process on one core, {seconds:.0f} s in all, the slowest case {slowest_s:.2f} s, never more than "
+        f"{largest_gb:.1f} GB of memory; Python {platform.python_version()}. Again: "
+        f"`python tests/fuzzing/study.py --count {total} --seed {seed} --out FOLDER`.",
     ]
     return "\n".join(lines) + "\n"
 

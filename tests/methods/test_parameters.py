@@ -3,7 +3,11 @@
 from __future__ import annotations
 
 import dataclasses
+import tomllib
+from collections.abc import Iterator
 from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import Any
 
 import jax
 import jax.numpy as jnp
@@ -25,7 +29,7 @@ from pl_mc.kernels import (
     protection_levels,
     start_from,
 )
-from pl_mc.kernels.parameters import as_trees, traced
+from pl_mc.kernels.parameters import as_trees, of_trees, traced
 from pl_mc.methods import METHODS, Igg3, Ls, method
 from pl_mc.methods.capabilities import scales_with_k
 from reference.problems import appendix_d, random_sky
@@ -103,6 +107,53 @@ def test_weights_with_traced_constants_are_those_of_numbers(given, other) -> Non
         step, at = 1e-6, getattr(other, name)
         low, high = (dataclasses.replace(other, **{name: at + sign * step})(u) for sign in (-1, 1))
         np.testing.assert_allclose(getattr(slope, name), (high - low) / (2 * step), atol=1e-8)
+
+
+def methods_in(content: Any) -> Iterator[dict[str, Any]]:
+    """Name and options of every method in an experiment file."""
+    if isinstance(content, dict):
+        if content.get("name") in METHODS:
+            yield content
+        content = list(content.values())
+    if isinstance(content, list):
+        for part in content:
+            yield from methods_in(part)
+
+
+def test_only_numbers_are_leaves() -> None:
+    """Of every method of the experiments that come along, whatever its options: words and switches shape programs."""
+    files = sorted((Path(__file__).parents[2] / "experiments").glob("*.toml"))
+    wanted = [one for file in files for one in methods_in(tomllib.loads(file.read_text(encoding="utf-8")))]
+    methods = tuple(dict.fromkeys(method(**one) for one in wanted))
+    assert len(methods) > 20
+    assert any(getattr(of, "exclude", False) for of in methods)
+    trees = as_trees(methods)
+    assert {type(leaf) for leaf in jax.tree.leaves(trees)} == {float}
+    model = linear_model(G.design, G.sigma_m, G.in_view)
+
+    def levels(trees, observed_m):
+        start = start_from(model, observed_m)
+        return [of.solve(model, of.prepare(model), start).vpl_m for of in of_trees(trees)]
+
+    # Traced, and not compiled: a switch that is traced cannot be asked.
+    found = jax.eval_shape(levels, trees, np.zeros((len(G.sigma_m), 3)))
+    assert [one.shape for one in found] == [(3,)] * len(methods)
+
+
+def test_words_and_switches_of_ones_own_records_are_structure() -> None:
+    @traced
+    @dataclass(frozen=True)
+    class Own:
+        k: float = 2.0
+        form: str = "line"
+        doubled: bool = True
+
+    @jax.jit
+    def value(own: Own) -> jax.Array:
+        return own.k * (2.0 if own.doubled else 1.0) * (10.0 if own.form == "line" else 1.0)
+
+    assert jax.tree.leaves(Own()) == [2.0]
+    assert [float(value(own)) for own in (Own(), Own(doubled=False), Own(3.0, "other"))] == [40.0, 20.0, 6.0]
 
 
 @pytest.mark.parametrize("seed", [1, 2])

@@ -32,8 +32,8 @@ def traced(cls: type[Record]) -> type[Record]:
     """Make a frozen dataclass a pytree whose fields are its leaves, but for those made by `static`.
 
     As `jax.tree_util.register_dataclass`, except that what JAX builds again is not checked again, and that a number
-    zero, and a function or record which is no pytree, may stand in any field and count as structure. A subclass is
-    one of its own.
+    zero, a word, true or false, and a function or record which is no pytree, may stand in any field and count as
+    structure. A subclass is one of its own.
     """
     fields = dataclasses.fields(cls)  # type: ignore[arg-type]
     leaves = [field.name for field in fields if not field.metadata.get("static")]
@@ -67,6 +67,8 @@ class Structure:
 
 
 def _child(value: Any) -> Any:
+    if isinstance(value, bool | str):
+        return Structure(value)
     if isinstance(value, numbers.Real):
         # A zero switches something off, and what is off costs nothing. Whole numbers become floats, since a function
         # would be compiled once more for them.

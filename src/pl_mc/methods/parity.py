@@ -76,7 +76,7 @@ class Parity(Excluding):
     p_fa: float = static(P_FA)
     p_md: float = static(P_MD)
     form: str = static(LINE)
-    exclude: bool = False
+    exclude: bool = static(False)
     k_horizontal: float = K_HORIZONTAL
     k_vertical: float = K_VERTICAL
 
