@@ -50,6 +50,7 @@ def _heading(event: str, judged: Judged) -> str:
 def risk_curve_figure(curves: pd.DataFrame, *, judged: Judged, title: str) -> Figure:
     """Risk against bias, one row of panels per event and one column per satellite."""
     events, satellites, methods = (list(dict.fromkeys(curves[name])) for name in ("event", "satellite", "method"))
+    (called,) = judged.called
     figure, axes = new_figure(
         len(events), len(satellites), width_in=4.4 * len(satellites) + 0.6, height_in=3.4 * len(events) + 0.8,
         title=title, sharex=True, sharey="row",
@@ -63,14 +64,14 @@ def risk_curve_figure(curves: pd.DataFrame, *, judged: Judged, title: str) -> Fi
                 _curve(panel, shown[(shown.satellite == satellite) & (shown.method == method)], k, judged.axis)
             panel.set_title(f"{satellite}: {event}")
             if event == "misleading":
-                (called,) = judged.called
                 panel.axhline(called.promise, **DOTTED)
                 note(
                     panel, f"{called.promised}, what {called.multiplier} stands for", (0.995, called.promise),
                     shift=(0, 2), xycoords=("axes fraction", "data"), ha="right", va="bottom", color="0.15",
                 )  # fmt: skip
         most = min(float(shown[["probability", "high"]].max().max()), 1.0)
-        panels[0].set_ylim(_least(shown) / 5, max(12.0 * most, 1e4 * _SMALLEST))
+        least = min(_least(shown), called.promise if event == "misleading" else 1.0)
+        panels[0].set_ylim(least / 5, max(12.0 * most, 1e4 * _SMALLEST))
         panels[0].set_ylabel(_heading(event, judged))
     for panel in axes[-len(satellites) :]:
         # Small biases, where the risk has its peak, get more room; with this share the slope has no step at 10 m.
