@@ -123,6 +123,7 @@ def observe(
     signals: str | None = None,
     fault: Texts = (),
     mask_deg: Annotated[float, Parameter(name=("--mask-deg", "--mask"), allow_leading_hyphen=True)] = 10.0,
+    snr_dbhz: Annotated[float | None, Parameter(name=("--snr-dbhz", "--snr"))] = None,
     error_model: str = "residual",
     ionosphere: str = "broadcast",
     method: Texts = ("ls", "igg3"),
@@ -159,6 +160,8 @@ def observe(
         together. See docs/how-to/faults.md.
     mask_deg
         Elevation mask [deg].
+    snr_dbhz
+        Least strength of a signal that is read [dB-Hz].
     error_model
         Standard deviations: residual, none or uire; `user` needs an experiment file.
     ionosphere
@@ -199,6 +202,7 @@ def observe(
         "systems": _words(systems),
         "signals": _words(signals),
         "mask_deg": mask_deg,
+        "snr_dbhz": snr_dbhz,
         "error_model": error_model,
         "ionosphere": ionosphere,
         "faults": fault,

@@ -90,6 +90,7 @@ def read_receiver_series(
     mask_deg: float = DEFAULT_MASK_DEG,
     error_model: str | ErrorModel = DEFAULT_ERROR_MODEL,
     ionosphere: str = "broadcast",
+    snr_dbhz: float | None = None,
 ) -> ReceiverSeries:
     """Read RINEX files and take from each pseudorange everything that is known at the true position.
 
@@ -113,6 +114,7 @@ def read_receiver_series(
         mask_deg: lowest elevation [deg].
         error_model: a name or a model, for the standard deviations.
         ionosphere: ``broadcast``, ``none`` or ``dual``, see `pl_mc.receiver.rinex.read_rinex`.
+        snr_dbhz: least strength of a signal that is read [dB-Hz]; any unless given.
 
     The position of a track is taken at the time that the receiver's clock shows, which is up to a millisecond off:
     centimetres for a car.
@@ -124,7 +126,7 @@ def read_receiver_series(
     if not 0 <= mask_deg < 90:
         raise InputError(f"mask_deg: {mask_deg:g} is outside 0 to 90 degrees.")
     model = as_error_model(error_model)
-    data = read_rinex(obs_path, nav_path, systems=systems, signals=signals, ionosphere=ionosphere)
+    data = read_rinex(obs_path, nav_path, systems=systems, signals=signals, ionosphere=ionosphere, snr_dbhz=snr_dbhz)
     # How sentences call the files.
     obs_path = obs_path if isinstance(obs_path, str | Path) else " and ".join(map(str, obs_path))
     clocks = tuple(dict.fromkeys(data.systems)) if systems is None else tuple(systems)

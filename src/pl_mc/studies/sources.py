@@ -159,6 +159,7 @@ class ReceiverSource(ReceiverFiles):
             mask_deg=self.mask_deg,
             error_model=self.model(),
             ionosphere=self.ionosphere,
+            snr_dbhz=self.snr_dbhz,
         )
         return Series(read.geometry, read.errors_m[None], {}, read.notes)
 

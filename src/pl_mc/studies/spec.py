@@ -115,6 +115,7 @@ class ReceiverFiles(Strict):
     signals: tuple[str, ...] | None = None
     ionosphere: Literal["broadcast", "none", "dual"] = "broadcast"
     mask_deg: float = Field(default=10.0, ge=0, lt=90)
+    snr_dbhz: float | None = Field(default=None, ge=0, le=100)
     error_model: str = "residual"
     error_options: dict[str, Any] = Field(default_factory=dict)
 

@@ -39,7 +39,7 @@ def run(experiment: ObserveExperiment, execution: Execution) -> Findings:
     series = read_receiver_series(
         _of(files, "observations"), _of(files, "navigation"), truth, systems=experiment.systems,
         signals=experiment.signals, mask_deg=experiment.mask_deg, error_model=experiment.model(),
-        ionosphere=experiment.ionosphere,
+        ionosphere=experiment.ionosphere, snr_dbhz=experiment.snr_dbhz,
     )  # fmt: skip
     g = series.geometry
     _require_solution(experiment, g, series.notes)
