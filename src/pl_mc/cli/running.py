@@ -126,6 +126,7 @@ def observe(
     snr_dbhz: Annotated[float | None, Parameter(name=("--snr-dbhz", "--snr"))] = None,
     error_model: str = "residual",
     ionosphere: str = "broadcast",
+    ionex: Annotated[tuple[Path, ...], Several] = (),
     method: Texts = ("ls", "igg3"),
     val: Limit = None,
     hal: Limit = None,
@@ -167,6 +168,8 @@ def observe(
     ionosphere
         `broadcast`: corrected with the coefficients of the navigation files; `none`: its delay is left in;
         `dual`: pseudoranges of two carriers are combined so that it cancels, with their noise.
+    ionex
+        An IONEX file with maps of the ionosphere, in place of these coefficients; repeatable, for several days.
     method
         A method, `ls`, or one with options of its own, `igg3(k0=2, k1=6)`; repeatable.
     val, hal
@@ -205,6 +208,7 @@ def observe(
         "snr_dbhz": snr_dbhz,
         "error_model": error_model,
         "ionosphere": ionosphere,
+        "ionex": ionex,
         "faults": fault,
         "methods": [_method(text) for text in method],
         "claims": claims,

@@ -24,7 +24,8 @@ from pl_mc.receiver.rinex_text import read_rinex_text
 from pl_mc.receiver.signals import SYSTEMS, USUAL_SYSTEMS, Observable, signals_of
 
 # Where the ionosphere's delay is taken from: the coefficients of the navigation files, nowhere, or a second carrier.
-IONOSPHERES = ("broadcast", "none", "dual")
+# ``maps`` leaves it to the caller.
+IONOSPHERES = ("broadcast", "none", "dual", "maps")
 
 # Systems whose coefficients of the ionosphere are used, in the order of preference.
 _IONOSPHERE_ORDER = ("G", "C")
@@ -63,7 +64,7 @@ def read_rinex(
             L1 P(Y) or C/A and L2 P(Y), L2C or L5, B1I and B3I or B2I, E1 and E5a or E5b.
         ionosphere: ``broadcast``: the coefficients of GPS, or where no file has them those of BeiDou; ``none``:
             no coefficients, the delay stays in; ``dual``: pseudoranges of two carriers are combined so that it
-            cancels, (f1^2 P1 - f2^2 P2) / (f1^2 - f2^2).
+            cancels, (f1^2 P1 - f2^2 P2) / (f1^2 - f2^2); ``maps``: as none, for a caller who has maps.
         snr_dbhz: least strength of a signal whose pseudorange is read [dB-Hz]; any unless given.
 
     Raises:

@@ -160,6 +160,7 @@ class ReceiverSource(ReceiverFiles):
             error_model=self.model(),
             ionosphere=self.ionosphere,
             snr_dbhz=self.snr_dbhz,
+            ionex=[path for field, path in files.items() if field.startswith("ionex")] or None,
         )
         return Series(read.geometry, read.errors_m[None], {}, read.notes)
 

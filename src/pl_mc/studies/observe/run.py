@@ -40,6 +40,7 @@ def run(experiment: ObserveExperiment, execution: Execution) -> Findings:
         _of(files, "observations"), _of(files, "navigation"), truth, systems=experiment.systems,
         signals=experiment.signals, mask_deg=experiment.mask_deg, error_model=experiment.model(),
         ionosphere=experiment.ionosphere, snr_dbhz=experiment.snr_dbhz,
+        ionex=_of(files, "ionex") or None,
     )  # fmt: skip
     g = series.geometry
     _require_solution(experiment, g, series.notes)
