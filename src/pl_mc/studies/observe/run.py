@@ -51,7 +51,7 @@ def run(experiment: ObserveExperiment, execution: Execution) -> Findings:
         g, errors_m, methods=experiment.method_records(), alert=judged.alert, axis=judged.axis,
         precision=experiment.precision, tests=True,
     )  # fmt: skip
-    claims = read_all(_of(files, "claims"), g, truth, series.truth_m)
+    claims = read_all(_of(files, "claims"), g, truth)
     rows = [part for one in claims for part in one.rows(g, judged, experiment.claim_multiplier)]
     table = pd.concat([table.assign(faulted=table.epoch.map(pd.Series(faulted, index=g.epoch))), *rows])
     table["faulted"] = table.faulted.eq(True)
