@@ -33,8 +33,7 @@ def g() -> Geometry:
 def claims(folder: Path, g: Geometry, heading: str, rows: np.ndarray, name: str = "r.csv") -> Claims:
     path = folder / name
     path.write_text("\n".join([heading, *(",".join(f"{v:.6f}" for v in row) for row in rows)]) + "\n")
-    truth_m = np.broadcast_to(TRUTH_M, (len(g.epoch), 3))
-    return Claims(path, name, g, read_truth(TRUTH_TEXT), truth_m)
+    return Claims(path, name, g, read_truth(TRUTH_TEXT))
 
 
 def test_white_gaussian_errors_lie_within_their_sigmas_as_often_as_they_should(tmp_path: Path, g: Geometry) -> None:

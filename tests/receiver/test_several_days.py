@@ -64,3 +64,43 @@ def test_the_command_tells_observations_from_navigation(files: dict[str, Path], 
     pd.testing.assert_frame_equal(table, pd.read_parquet(tmp_path / "again" / "epochs.parquet"))
     with pytest.raises(SystemExit):
         main(["observe", *order[::2], "--truth", TRUTH_TEXT, "-q", "--out", str(tmp_path / "no")])
+
+
+def with_strengths(folder: Path, strength: dict[str, str]) -> tuple[Path, Path]:
+    """The two epochs of a station with S1C of each GPS satellite, 45 dB-Hz unless told."""
+    here = Path(__file__).parent / "files"
+    lines = []
+    for line in (here / "mixed_3.obs").read_text().splitlines():
+        if line.startswith("G    2 C1C L1C"):
+            lines.append("G    3 C1C L1C S1C".ljust(60) + line[60:])
+        elif line.startswith("G") and line[1:3].isdigit():
+            lines.append(line.ljust(35) + strength.get(line[:3], "45.000").rjust(14))
+        else:
+            lines.append(line)
+    path = folder / "strong.obs"
+    path.write_text("\n".join(lines) + "\n")
+    return path, here / "mixed_3.nav"
+
+
+def test_weak_signals_are_left_out_and_counted(tmp_path: Path) -> None:
+    truth = read_truth("4075580.8863,931853.5784,4801567.9707")
+    bare = read_receiver_series(*with_strengths(tmp_path, {}), truth, systems=("G",))
+    first, second, third = bare.geometry.names[:3]
+    paths = with_strengths(tmp_path, {first: "29.900", second: "", third: "30.000"})
+    found = read_receiver_series(*paths, truth, systems=("G",), snr_dbhz=30.0)
+    # At the limit a signal is strong enough.
+    assert set(bare.geometry.names) - set(found.geometry.names) == {first, second}
+    assert "2 pseudoranges of less than 30 dB-Hz were left out." in found.notes
+    assert "2 pseudoranges of an unknown strength were left out." in found.notes
+    assert read_receiver_series(*paths, truth, systems=("G",)).geometry.names == bare.geometry.names
+    with pytest.raises(InputError, match=r"strong\.obs: it has no strength S2I of the pseudorange C2I of BeiDou"):
+        read_receiver_series(*paths, truth, systems=("G", "C"), snr_dbhz=30.0)
+    with pytest.raises(InputError, match="snr_dbhz: a number from 0 to 100"):
+        read_receiver_series(*paths, truth, snr_dbhz=-1.0)
+
+
+def test_the_command_and_a_file_of_it_have_a_least_strength(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    paths = map(str, with_strengths(tmp_path, {}))
+    options = ["--truth", "4075580.8863,931853.5784,4801567.9707", "--systems", "G", "--snr", "30", "--method", "ls"]
+    main(["observe", *paths, *options, "--out", str(tmp_path / "out")])
+    assert "at least 30 dB-Hz" in " ".join(capsys.readouterr().out.split())

@@ -123,8 +123,10 @@ def observe(
     signals: str | None = None,
     fault: Texts = (),
     mask_deg: Annotated[float, Parameter(name=("--mask-deg", "--mask"), allow_leading_hyphen=True)] = 10.0,
+    snr_dbhz: Annotated[float | None, Parameter(name=("--snr-dbhz", "--snr"))] = None,
     error_model: str = "residual",
     ionosphere: str = "broadcast",
+    ionex: Annotated[tuple[Path, ...], Several] = (),
     method: Texts = ("ls", "igg3"),
     val: Limit = None,
     hal: Limit = None,
@@ -159,11 +161,15 @@ def observe(
         together. See docs/how-to/faults.md.
     mask_deg
         Elevation mask [deg].
+    snr_dbhz
+        Least strength of a signal that is read [dB-Hz].
     error_model
         Standard deviations: residual, none or uire; `user` needs an experiment file.
     ionosphere
         `broadcast`: corrected with the coefficients of the navigation files; `none`: its delay is left in;
         `dual`: pseudoranges of two carriers are combined so that it cancels, with their noise.
+    ionex
+        An IONEX file with maps of the ionosphere, in place of these coefficients; repeatable, for several days.
     method
         A method, `ls`, or one with options of its own, `igg3(k0=2, k1=6)`; repeatable.
     val, hal
@@ -199,8 +205,10 @@ def observe(
         "systems": _words(systems),
         "signals": _words(signals),
         "mask_deg": mask_deg,
+        "snr_dbhz": snr_dbhz,
         "error_model": error_model,
         "ionosphere": ionosphere,
+        "ionex": ionex,
         "faults": fault,
         "methods": [_method(text) for text in method],
         "claims": claims,

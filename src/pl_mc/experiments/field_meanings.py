@@ -46,6 +46,8 @@ SHARED: dict[str, str] = {
     "navigation": "RINEX 2, 3 or 4 navigation file with broadcast ephemerides of that day, or a list of them",
     "truth": "the true position, Earth-fixed X,Y,Z in metres, or a file with a track: CSV, .pos of RTKLIB, NMEA",
     "claims": "files in which a receiver says how good its positions are: .pos of RTKLIB, NMEA with GST, CSV",
+    "ionex": "maps of the ionosphere, IONEX files, in place of the broadcast coefficients",
+    "snr_dbhz": "least strength of a signal that is read",
     "residuals": "whether the errors of all satellites are stored, for pl_mc.fit_overbound and the noise empirical",
     "claim_multiplier": "what makes a claimed standard deviation a level; 6.18 and 5.33 unless given",
     "systems": "systems to use: G (GPS), C (BeiDou), E (Galileo), R (GLONASS), J (QZSS); the first three unless given",

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import bisect
 import re
+from collections import Counter
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from datetime import datetime
@@ -92,15 +93,19 @@ class Observations:
     notes: tuple[str, ...]
 
 
-def read_observations(file: RinexText, candidates: Mapping[str, Sequence[Observable]]) -> Observations:
+def read_observations(
+    file: RinexText, candidates: Mapping[str, Sequence[Observable]], *, snr_dbhz: float | None = None
+) -> Observations:
     """Read an observation file of any version; what cannot be read in it is left out and told.
 
     Args:
         file: the file.
         candidates: of each system letter, what can be made of its pseudoranges; the first that the file has counts.
+        snr_dbhz: least strength of a signal whose pseudorange is read (S1C beside C1C) [dB-Hz]; any unless given.
 
     Raises:
-        InputError: a header that cannot be read, times of a system that is not read, or no epoch at all.
+        InputError: a header that cannot be read, times of a system that is not read, no epoch at all, or strengths that
+            are asked for and not there.
     """
     # Of RINEX 2, whose names of other systems' signals nobody settled, GPS is read.
     able = {letter: every for letter, every in candidates.items() if file.generation > 2 or letter == "G"}
@@ -119,6 +124,7 @@ def read_observations(file: RinexText, candidates: Mapping[str, Sequence[Observa
     ]
     policies = [library.policy({letter: (code,) for letter, code in part.items()}) for part in parts]
     wrong: list[str] = []
+    weak: Counter[str] = Counter()
     epochs: list[_Epoch] = []
     columns: dict[str, list[str]] = {}
     for index, (epoch, block) in enumerate(zip(read.epochs, blocks, strict=True)):
@@ -133,9 +139,12 @@ def read_observations(file: RinexText, candidates: Mapping[str, Sequence[Observa
                 values = read.pseudoranges(index, policy)
                 ranges_m.append(dict(zip(values.satellites, values.ranges_m.tolist(), strict=True)))
                 _drop_wrong(block, columns, part, ranges_m[-1], wrong)
+                if snr_dbhz is not None:
+                    _drop_weak(file, block, columns, part, ranges_m[-1], snr_dbhz, weak)
             epochs.append((_gps_s(epoch.epoch) + behind_s, block, _combined(ranges_m, chosen)))
     if wrong:
         said.append(f"Left out of {file.path.name}, as no satellite or no pseudorange is like that: {listed(wrong)}.")
+    said += [f"{number:,} pseudoranges {what} were left out." for what, number in weak.items()]
     epochs = _in_order(file, epochs, said)
     names = sorted({name for _, _, values in epochs for name in values}, key=lambda name: (name[0] != "G", name))
     column = {name: k for k, name in enumerate(names)}
@@ -246,6 +255,42 @@ def _drop_wrong(
         if misshapen or not named:
             values.pop(f"{letter}{number:0>2}", None)
             said.append(f"line {one.number} ({one.name}, {block.when}: {field.strip()!r})")
+
+
+def _drop_weak(
+    file: RinexText,
+    block: Block,
+    columns: Mapping[str, Sequence[str]],
+    chosen: Mapping[str, str],
+    values: dict[str, float],
+    least_dbhz: float,
+    said: Counter[str],
+) -> None:
+    """Take away pseudoranges of signals that are weaker than asked for, or of no known strength."""
+    for one in block.satellites:
+        name = one.name.strip()
+        letter = name[:1] if name[:1].isalpha() else "G"
+        name = f"{letter}{name.removeprefix(letter).strip():0>2}"
+        if name not in values or letter not in chosen:
+            continue
+        # Of RINEX 2 a strength is that of a carrier, whatever the code.
+        band = [code for code in columns[letter] if code.startswith(f"S{chosen[letter][1]}")]
+        exact = f"S{chosen[letter][1:]}"
+        wanted = exact if exact in band else band[0] if band and file.generation == 2 else None
+        if wanted is None:
+            raise InputError(
+                f"{file.path}: it has no strength {exact} of the pseudorange {chosen[letter]} of "
+                f"{SYSTEM_NAMES[letter]}, which snr_dbhz (--snr) needs."
+            )
+        text = block.field(one, columns[letter].index(wanted))[:14].strip()
+        try:
+            strength = float(text) if text else None
+        except ValueError:
+            strength = None
+        if strength is None or not strength >= least_dbhz:
+            del values[name]
+            what = "of an unknown strength" if strength is None else f"of less than {least_dbhz:g} dB-Hz"
+            said[what] += 1
 
 
 def _in_order(file: RinexText, epochs: list[_Epoch], said: list[str]) -> list[_Epoch]:

@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pandas as pd
@@ -17,6 +18,7 @@ from pl_mc.geometry.frames import enu_rotation, geodetic
 from pl_mc.geometry.record import EAST, NORTH, SYSTEM_NAMES, UP, Geometry
 from pl_mc.input_errors import InputError
 from pl_mc.receiver.corrections import bds_klobuchar_delay_m, klobuchar_delay_m, line_of_sight, troposphere_delay_m
+from pl_mc.receiver.ionosphere_maps import IonosphereMaps
 from pl_mc.receiver.notes import PLAUSIBLE_PSEUDORANGE_M, epoch_notes, event_notes, satellite_notes, truth_notes
 from pl_mc.receiver.rinex import ReceiverData, gps_date, read_rinex
 from pl_mc.receiver.truth import Truth
@@ -90,6 +92,8 @@ def read_receiver_series(
     mask_deg: float = DEFAULT_MASK_DEG,
     error_model: str | ErrorModel = DEFAULT_ERROR_MODEL,
     ionosphere: str = "broadcast",
+    snr_dbhz: float | None = None,
+    ionex: str | Path | Sequence[str | Path] | None = None,
 ) -> ReceiverSeries:
     """Read RINEX files and take from each pseudorange everything that is known at the true position.
 
@@ -113,6 +117,8 @@ def read_receiver_series(
         mask_deg: lowest elevation [deg].
         error_model: a name or a model, for the standard deviations.
         ionosphere: ``broadcast``, ``none`` or ``dual``, see `pl_mc.receiver.rinex.read_rinex`.
+        snr_dbhz: least strength of a signal that is read [dB-Hz]; any unless given.
+        ionex: files of maps of the ionosphere (IONEX), in place of the broadcast coefficients.
 
     The position of a track is taken at the time that the receiver's clock shows, which is up to a millisecond off:
     centimetres for a car.
@@ -124,7 +130,11 @@ def read_receiver_series(
     if not 0 <= mask_deg < 90:
         raise InputError(f"mask_deg: {mask_deg:g} is outside 0 to 90 degrees.")
     model = as_error_model(error_model)
-    data = read_rinex(obs_path, nav_path, systems=systems, signals=signals, ionosphere=ionosphere)
+    if ionex is not None and ionosphere != "broadcast":
+        raise InputError(f"ionex: maps take the place of the ionosphere broadcast, not of {ionosphere}.")
+    maps = None if ionex is None else IonosphereMaps(ionex)
+    ionosphere = ionosphere if maps is None else "maps"
+    data = read_rinex(obs_path, nav_path, systems=systems, signals=signals, ionosphere=ionosphere, snr_dbhz=snr_dbhz)
     # How sentences call the files.
     obs_path = obs_path if isinstance(obs_path, str | Path) else " and ".join(map(str, obs_path))
     clocks = tuple(dict.fromkeys(data.systems)) if systems is None else tuple(systems)
@@ -165,7 +175,7 @@ def read_receiver_series(
         model, sky, noise=np.array([one.noise for one in observables]),
         ionosphere=np.array([one.ionosphere for one in observables]),
     )  # fmt: skip
-    delay_m = _atmosphere_m(data, data.time_gps_s[known][row], column, sky, height[row])
+    delay_m = _atmosphere_m(data, data.time_gps_s[known][row], column, sky, height[row], maps)
     raw_m = pseudorange_m - range_m + data.satellite_clock_m[known]
     error_m = np.zeros(in_view.shape)
     error_m[in_view] = raw_m[in_view] - delay_m
@@ -198,24 +208,22 @@ def read_receiver_series(
 
 
 def _atmosphere_m(
-    data: ReceiverData, time_gps_s: NDArray, column: NDArray, sky: Sky, height_m: NDArray
+    data: ReceiverData, time_gps_s: NDArray, column: NDArray, sky: Sky, height_m: NDArray, maps: IonosphereMaps | None
 ) -> NDArray[np.float64]:
     """Ionospheric and tropospheric delay of each satellite in view [m]."""
     troposphere_m = troposphere_delay_m(
         latitude_rad=sky.latitude_rad, height_m=height_m, elevation_rad=sky.elevation_rad
     )
-    if not data.ionosphere:
+    if not data.ionosphere and maps is None:
         return troposphere_m
-    model, carrier_hz = _IONOSPHERE[data.ionosphere]
-    ionosphere_m = model(
-        time_gps_s=time_gps_s,
-        latitude_rad=sky.latitude_rad,
-        longitude_rad=sky.longitude_rad,
-        azimuth_rad=sky.azimuth_rad,
-        elevation_rad=sky.elevation_rad,
-        alpha=data.klobuchar_alpha,
-        beta=data.klobuchar_beta,
-    )
+    angles: Any = {
+        name: getattr(sky, name) for name in ("latitude_rad", "longitude_rad", "azimuth_rad", "elevation_rad")
+    }
+    if maps is not None:
+        carrier_hz, ionosphere_m = FREQUENCY_L1_HZ, maps.delay_m(time_gps_s, **angles)
+    else:
+        model, carrier_hz = _IONOSPHERE[data.ionosphere]
+        ionosphere_m = model(time_gps_s=time_gps_s, **angles, alpha=data.klobuchar_alpha, beta=data.klobuchar_beta)
     factors = {letter: one.signals[0].ionosphere_factor(carrier_hz) for letter, one in data.observables.items()}
     factor = np.array([factors[letter] for letter in data.systems])[column]
     return factor * ionosphere_m + troposphere_m

@@ -14,7 +14,7 @@ from pl_mc.constants import SPEED_OF_LIGHT_M_S
 from pl_mc.geometry.gps_time import GPS_EPOCH
 from pl_mc.geometry.orbits import ORBIT_RADIUS_M, bds_orbit
 from pl_mc.geometry.record import SYSTEM_NAMES
-from pl_mc.input_errors import InputError, require_choice
+from pl_mc.input_errors import InputError, require_choice, require_within
 from pl_mc.receiver.choices import checked_signals, checked_systems, delays_needed
 from pl_mc.receiver.ephemerides import Ephemeris
 from pl_mc.receiver.navigation_records import Navigation, read_navigation
@@ -24,7 +24,8 @@ from pl_mc.receiver.rinex_text import read_rinex_text
 from pl_mc.receiver.signals import SYSTEMS, USUAL_SYSTEMS, Observable, signals_of
 
 # Where the ionosphere's delay is taken from: the coefficients of the navigation files, nowhere, or a second carrier.
-IONOSPHERES = ("broadcast", "none", "dual")
+# ``maps`` leaves it to the caller.
+IONOSPHERES = ("broadcast", "none", "dual", "maps")
 
 # Systems whose coefficients of the ionosphere are used, in the order of preference.
 _IONOSPHERE_ORDER = ("G", "C")
@@ -40,6 +41,7 @@ def read_rinex(
     systems: Sequence[str] | None = None,
     signals: Sequence[str] | None = None,
     ionosphere: str = "broadcast",
+    snr_dbhz: float | None = None,
 ) -> ReceiverData:
     """Read one or several observation files and one or several navigation files.
 
@@ -62,7 +64,8 @@ def read_rinex(
             L1 P(Y) or C/A and L2 P(Y), L2C or L5, B1I and B3I or B2I, E1 and E5a or E5b.
         ionosphere: ``broadcast``: the coefficients of GPS, or where no file has them those of BeiDou; ``none``:
             no coefficients, the delay stays in; ``dual``: pseudoranges of two carriers are combined so that it
-            cancels, (f1^2 P1 - f2^2 P2) / (f1^2 - f2^2).
+            cancels, (f1^2 P1 - f2^2 P2) / (f1^2 - f2^2); ``maps``: as none, for a caller who has maps.
+        snr_dbhz: least strength of a signal whose pseudorange is read [dB-Hz]; any unless given.
 
     Raises:
         InputError: a file that is missing, of another kind or version, or of another day; a system that is not
@@ -70,9 +73,11 @@ def read_rinex(
             first. One sentence, which names the file and what can be done.
     """
     require_choice(ionosphere, IONOSPHERES, field="ionosphere")
+    if snr_dbhz is not None:
+        require_within(snr_dbhz, field="snr_dbhz", low=0.0, high=100.0)
     files = _checked_paths(observation_path, "observation")
     parts = [
-        _read_one(path, navigation_path, systems=systems, signals=signals, ionosphere=ionosphere) for path in files
+        _read_one(path, navigation_path, systems, signals, ionosphere=ionosphere, snr_dbhz=snr_dbhz) for path in files
     ]
     return joined(parts, files)
 
@@ -80,10 +85,11 @@ def read_rinex(
 def _read_one(
     observation_path: str | Path,
     navigation_path: str | Path | Sequence[str | Path],
-    *,
     systems: Sequence[str] | None,
     signals: Sequence[str] | None,
+    *,
     ionosphere: str,
+    snr_dbhz: float | None,
 ) -> ReceiverData:
     letters = USUAL_SYSTEMS if systems is None else checked_systems(systems)
     asked = checked_signals(signals, letters, dual=ionosphere == "dual")
@@ -94,7 +100,8 @@ def _read_one(
     able = {letter: [one for one in asked[letter] if navigation.message_for(one)] for letter in letters}
     for every in able.values():
         every.sort(key=lambda one: one.neglected_m(navigation.message_for(one)))
-    observations = read_observations(file, {letter: able[letter] or asked[letter] for letter in letters})
+    candidates = {letter: able[letter] or asked[letter] for letter in letters}
+    observations = read_observations(file, candidates, snr_dbhz=snr_dbhz)
     used, notes = _used_systems(observations, navigation, paths, asked, asked=systems is not None)
     columns = np.array([k for k, name in enumerate(observations.names) if name[0] in used])
     rows = np.isfinite(observations.pseudorange_m[:, columns]).any(axis=1)

@@ -17,6 +17,8 @@ SYSTEMS: Mapping[str, str] = {
 # The library counts seconds from 2000-01-01 12:00.
 _J2000_GPS_S = 630_763_200.0
 
+_GPS_EPOCH_JD = 2_444_244.5
+
 # Of what the library says of a text, so much is passed on.
 _LONGEST_REASON = 160
 
@@ -89,6 +91,28 @@ def seconds_behind_gps(product: Any, julian_dates: Sequence[float]) -> list[floa
     scales: Any = sidereon.TimeScale
     scale = scales.UTC if header.time_system == "GLO" else header.time_scale
     return [sidereon.timescale_offset_at(scale, scales.GPST, float(date)) for date in julian_dates]
+
+
+def ionosphere_maps(content: bytes) -> Any:
+    """An ``Ionex`` of an IONEX file."""
+    return _call("load_ionex", content)
+
+
+def slant_delays_m(product: Any, requests: Sequence[Sequence[float]], carrier_hz: float) -> list[float | str]:
+    """Delays by maps [m], or why there is none, of latitude, longitude, azimuth, elevation [deg] and GPS time [s]."""
+    import sidereon
+
+    made = [
+        sidereon.IonexSlantRequest(latitude, longitude, azimuth, elevation, _utc_j2000_s(time_s), carrier_hz)
+        for latitude, longitude, azimuth, elevation, time_s in requests
+    ]
+    found: Any = sidereon.ionex_slant_delay_results(product, made)
+    return [float(one.delay_m) if one.is_ok else str(one.refusal.message) for one in found]
+
+
+def _utc_j2000_s(time_gps_s: float) -> int:
+    """Whole seconds of UTC since 2000-01-01 12:00 of a GPS time [s]."""
+    return round(time_gps_s - gps_minus_utc_s(_GPS_EPOCH_JD + time_gps_s / 86_400.0) - _J2000_GPS_S)
 
 
 def gps_minus_utc_s(julian_date: float) -> float:

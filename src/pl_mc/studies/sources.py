@@ -159,6 +159,8 @@ class ReceiverSource(ReceiverFiles):
             mask_deg=self.mask_deg,
             error_model=self.model(),
             ionosphere=self.ionosphere,
+            snr_dbhz=self.snr_dbhz,
+            ionex=[path for field, path in files.items() if field.startswith("ionex")] or None,
         )
         return Series(read.geometry, read.errors_m[None], {}, read.notes)
 

@@ -116,6 +116,8 @@ class ReceiverFiles(Strict):
     signals: tuple[str, ...] | None = None
     ionosphere: Literal["broadcast", "none", "dual"] = "broadcast"
     mask_deg: float = Field(default=10.0, ge=0, lt=90)
+    snr_dbhz: float | None = Field(default=None, ge=0, le=100)
+    ionex: tuple[Path, ...] = ()
     error_model: str = "residual"
     error_options: dict[str, Any] = Field(default_factory=dict)
 
@@ -136,6 +138,7 @@ class ReceiverFiles(Strict):
     def receiver_files(self) -> dict[str, Path]:
         """The files by field; of several of a field each one but the first has its number."""
         files = numbered("observations", self.observations) | numbered("navigation", self.navigation)
+        files |= numbered("ionex", self.ionex)
         return files | ({"truth": Path(self.truth)} if self.has_track() else {})
 
     def has_track(self) -> bool:

@@ -41,7 +41,7 @@ class Claims:
         kept: (k,), places of their claims in the file.
     """
 
-    def __init__(self, path: Path, name: str, g: Geometry, truth: Truth, truth_m: NDArray[np.float64]) -> None:
+    def __init__(self, path: Path, name: str, g: Geometry, truth: Truth) -> None:
         self.name, self.fixes = name, read_claims(path)
         times, epochs_s = self.fixes.time_gps_s, g.time_gps_s
         step_s = float(np.median(np.diff(epochs_s))) if epochs_s.size > 1 else 2.0 * _SAME_EPOCH_S
@@ -50,8 +50,6 @@ class Claims:
         place = np.where(np.abs(epochs_s[after] - times) < np.abs(epochs_s[before] - times), after, before)
         off_s = np.abs(epochs_s[place] - times)
         position_m, known = truth.at(times)
-        if not truth.is_track:
-            known[:] = True
         near = np.flatnonzero(known & (off_s <= min(_SAME_EPOCH_S, 0.5 * step_s)))
         # Of several claims about one epoch the nearest.
         near = near[np.lexsort((off_s[near], place[near]))]
@@ -141,11 +139,11 @@ class Claims:
         ]  # fmt: skip
 
 
-def read_all(paths: Sequence[Path], g: Geometry, truth: Truth, truth_m: NDArray[np.float64]) -> list[Claims]:
+def read_all(paths: Sequence[Path], g: Geometry, truth: Truth) -> list[Claims]:
     """The files, each with a name that no other one has."""
     names = [path.name for path in paths]
     return [
-        Claims(path, name if names.count(name) == 1 else f"{name} ({k})", g, truth, truth_m)
+        Claims(path, name if names.count(name) == 1 else f"{name} ({k})", g, truth)
         for k, (path, name) in enumerate(zip(paths, names, strict=True), start=1)
     ]
 

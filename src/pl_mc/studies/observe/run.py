@@ -38,7 +38,8 @@ def run(experiment: ObserveExperiment, execution: Execution) -> Findings:
     series = read_receiver_series(
         _of(files, "observations"), _of(files, "navigation"), truth, systems=experiment.systems,
         signals=experiment.signals, mask_deg=experiment.mask_deg, error_model=experiment.model(),
-        ionosphere=experiment.ionosphere,
+        ionosphere=experiment.ionosphere, snr_dbhz=experiment.snr_dbhz,
+        ionex=_of(files, "ionex") or None,
     )  # fmt: skip
     g = series.geometry
     _require_solution(experiment, g, series.notes)
@@ -49,7 +50,7 @@ def run(experiment: ObserveExperiment, execution: Execution) -> Findings:
         g, errors_m, methods=experiment.method_records(), alert=judged.alert, axis=judged.axis,
         precision=experiment.precision, tests=True,
     )  # fmt: skip
-    claims = read_all(_of(files, "claims"), g, truth, series.truth_m)
+    claims = read_all(_of(files, "claims"), g, truth)
     rows = [part for one in claims for part in one.rows(g, judged, experiment.claim_multiplier)]
     table = pd.concat([table.assign(faulted=table.epoch.map(pd.Series(faulted, index=g.epoch))), *rows])
     table["faulted"] = table.faulted.eq(True)

@@ -33,12 +33,14 @@ def summary(
         largest = group.loc[group.available, ERRORS].abs().max()
         for direction, lengths, most in zip(DIRECTIONS, accuracy_m(table, str(method)), largest, strict=True):
             accuracy.append([method, direction, *map(metres, (*lengths, most))])
+    source = "by maps" if experiment.ionex else experiment.ionosphere
+    strength = "" if experiment.snr_dbhz is None else f"at least {experiment.snr_dbhz:g} dB-Hz, "
     injected = f" Injected: {'; '.join(faults.labels[1:])}." if len(faults) > 1 else ""
     return (
         f"{len(first)} epochs from {first.time.iloc[0]} to {first.time.iloc[-1]} (GPS time), "
-        f"{', '.join(signals)}, ionosphere {experiment.ionosphere}, mask {experiment.mask_deg:g} deg, error model "
-        f"{experiment.error_model}, {count.min()}-{count.max()} satellites (mean {count.mean():.1f}). Alert "
-        f"limit: {judged.alert.name}, {judged.limits(metres)}.{injected}",
+        f"{', '.join(signals)}, ionosphere {source}, mask {experiment.mask_deg:g} deg, {strength}"
+        f"error model {experiment.error_model}, {count.min()}-{count.max()} satellites (mean {count.mean():.1f}). "
+        f"Alert limit: {judged.alert.name}, {judged.limits(metres)}.{injected}",
         "Position errors over all available epochs [m]:",
         TextTable.of(["method", "direction", "95 %", "RMS", "largest"], accuracy),
         "Alarms and errors beyond the protection level, epochs and rates:",
