@@ -1,0 +1,110 @@
+"""The frontier: geometries of a sky, methods at equal risk, one multiplier for all, and what is refused."""
+
+from __future__ import annotations
+
+import numpy as np
+import pandas as pd
+import pytest
+
+from pl_mc.engine import Execution
+from pl_mc.input_errors import InputError
+from pl_mc.studies.frontier import STUDY
+from pl_mc.studies.frontier.record import FrontierExperiment, Sky
+from pl_mc.studies.frontier.run import one_number
+
+pytestmark = pytest.mark.counting
+
+FEW = {
+    "title": "few",
+    "draws": 1024,
+    "seed": 3,
+    "sizes_m": [10.0, 100.0],
+    "limits_m": [10.0],
+    "sigma_factors": [1.25],
+    "biases_m": [0.5],
+    "skies": [{"name": "a day", "site": "CUT0", "count": 2, "stressed": 1, "constellations": ["GPS", "BDS-2"]}],
+    "methods": [{"name": "ls", "level_scale": "floored"}, {"name": "separated", "estimate": "midrange", "p_const": 0.0}],
+}
+
+
+@pytest.fixture(scope="module")
+def found():
+    return STUDY.found(FrontierExperiment.model_validate(FEW), Execution(progress=False))
+
+
+def test_methods_stand_at_equal_risk(found) -> None:
+    tables = found.data
+    geometries, frontier = tables["geometries"], tables["frontier"]
+    assert len(geometries) == 4
+    scaled = geometries[geometries.method.str.startswith("ls")]
+    np.testing.assert_allclose(scaled.risk, scaled.allowed, rtol=2e-3)
+    np.testing.assert_allclose(scaled.contribution_fault_free + scaled.contribution_single, scaled.risk, rtol=1e-9)
+    own = geometries[geometries.method.str.startswith("separated")]
+    assert own.k.isna().all()
+    assert (own.risk_high < own.allowed).all()
+    # 100 m on one satellite: the floored level of least squares grows with it, the separated one does not.
+    assert (scaled.alarm_rate_100m == 1.0).all()
+    assert (own.alarm_rate_100m == 0.0).all()
+    assert frontier.level_mean_m.is_monotonic_increasing
+    row = frontier[frontier.method.str.startswith("ls")].iloc[0]
+    np.testing.assert_allclose(row.discontinuity, scaled.discontinuity.mean())
+    np.testing.assert_allclose(scaled.discontinuity, scaled.satellites * 1e-5, rtol=1e-3)
+
+
+def test_wrong_assumptions_cost_risk(found) -> None:
+    """A Gaussian tail at 5.3 sigma with a sigma that is a quarter larger is a hundred times as probable."""
+    stress = found.data["stress"].set_index(["method", "assumption"])
+    ls = stress.loc["ls(level_scale=floored)"]
+    assert 20 < ls.loc["sigma times 1.25", "times"] < 400
+    assert 1 < ls.loc["nominal biases of 0.5 m more", "times"] < 1000
+
+
+def test_the_answer_names_the_smallest_level(found) -> None:
+    experiment = FrontierExperiment.model_validate(FEW)
+    (sentence,) = STUDY.answer(found.data, experiment)
+    best = found.data["frontier"].iloc[0]
+    assert f"{best.method}, {best.level_mean_m:.3g} m" in sentence
+    assert {picture.name for picture in found.pictures} == {"frontier", "multipliers"}
+
+
+def test_random_users_are_spread_by_area() -> None:
+    sky = Sky(name="all", count=40)
+    geometries = sky.geometries(7)
+    again = sky.geometries(7)
+    assert len(geometries) == 40
+    for one, other in zip(geometries, again, strict=True):
+        np.testing.assert_array_equal(one.design, other.design)
+    assert not np.array_equal(geometries[0].sigma_m, sky.geometries(8)[0].sigma_m)
+    counts = [int(g.satellite_count) for g in geometries]
+    assert len(set(counts)) > 3
+
+
+def test_one_number_is_the_largest_and_its_share_that_of_order_statistics() -> None:
+    k = np.concatenate([np.linspace(5.0, 5.5, 298), [6.0]])
+    table = pd.DataFrame({"sky": "s", "method": "m", "geometry": range(299), "k": k, "k_low": k - 0.01, "k_high": k + 0.01})
+    (row,) = one_number(table).itertuples()
+    assert row.k == pytest.approx(6.01)
+    # 299 without exception: 99 % with 95 % confidence.
+    assert row.share_kept == pytest.approx(0.99, abs=5e-5)
+    assert row.k_of_even == pytest.approx(6.01)
+    assert (row.odd, row.odd_beyond) == (149, 0)
+
+
+@pytest.mark.parametrize(
+    ("change", "field", "words"),
+    [
+        ({"budget": {"targt": 1.0}}, "budget", "'targt' is unknown"),
+        ({"skies": [FEW["skies"][0] | {"methods": ["lss"]}]}, "skies", "lss"),
+        ({"skies": [FEW["skies"][0] | {"constellations": ["GPX"]}]}, "skies", "GPX"),
+    ],
+)
+def test_refusals(change, field, words) -> None:
+    experiment = FrontierExperiment.model_validate(FEW | change)
+    caught = []
+    for name, act in STUDY.checks(experiment, None):
+        try:
+            act()
+        except InputError as error:
+            caught.append((name, str(error)))
+    assert [name for name, _ in caught] == [field]
+    assert words in caught[0][1]
