@@ -23,7 +23,10 @@ FEW = {
     "sigma_factors": [1.25],
     "biases_m": [0.5],
     "skies": [{"name": "a day", "site": "CUT0", "count": 2, "stressed": 1, "constellations": ["GPS", "BDS-2"]}],
-    "methods": [{"name": "ls", "level_scale": "floored"}, {"name": "separated", "estimate": "midrange", "p_const": 0.0}],
+    "methods": [
+        {"name": "ls", "level_scale": "floored"},
+        {"name": "separated", "estimate": "midrange", "p_const": 0.0},
+    ],
 }
 
 
@@ -81,7 +84,9 @@ def test_random_users_are_spread_by_area() -> None:
 
 def test_one_number_is_the_largest_and_its_share_that_of_order_statistics() -> None:
     k = np.concatenate([np.linspace(5.0, 5.5, 298), [6.0]])
-    table = pd.DataFrame({"sky": "s", "method": "m", "geometry": range(299), "k": k, "k_low": k - 0.01, "k_high": k + 0.01})
+    table = pd.DataFrame(
+        {"sky": "s", "method": "m", "geometry": range(299), "k": k, "k_low": k - 0.01, "k_high": k + 0.01}
+    )
     (row,) = one_number(table).itertuples()
     assert row.k == pytest.approx(6.01)
     # 299 without exception: 99 % with 95 % confidence.

@@ -35,6 +35,7 @@ TABLE = {name: {"scales_with_k"} for name in M_ESTIMATES} | {
     "ls": {"exact_law", "levels_from_geometry", "scales_with_k"},
     "araim": {"levels_from_geometry", "batched_levels", "statistic"},
     "separated": set(),
+    "ibpl": set(),
     "slope": {"levels_from_geometry", "statistic"},
     "range_comparison": {"levels_from_geometry", "statistic"},
     "nioraim": {"levels_from_geometry"},

@@ -31,7 +31,7 @@ NAMES = sorted(METHODS)
 LANES = 16
 
 # Every method has one of these, and has another default.
-OPTIONS = {"k_vertical": 6.5, "b_nom_m": 0.5, "p_md": 0.01}
+OPTIONS = {"k_vertical": 6.5, "b_nom_m": 0.5, "p_md": 0.01, "alpha_vertical": 1e-3}
 
 
 @dataclasses.dataclass(frozen=True)

@@ -5,6 +5,7 @@ from pl_mc.methods.base import Method, Outcome
 from pl_mc.methods.danish import Danish
 from pl_mc.methods.hampel import Hampel
 from pl_mc.methods.huber import Huber
+from pl_mc.methods.ibpl import Ibpl
 from pl_mc.methods.igg3 import Igg3
 from pl_mc.methods.igg3_gated import GatedIgg3
 from pl_mc.methods.l1 import L1
@@ -33,6 +34,7 @@ __all__ = [
     "GatedIgg3",
     "Hampel",
     "Huber",
+    "Ibpl",
     "Igg3",
     "LeaveOneOut",
     "Ls",

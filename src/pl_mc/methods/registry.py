@@ -12,6 +12,7 @@ from pl_mc.methods.base import Method
 from pl_mc.methods.danish import Danish
 from pl_mc.methods.hampel import Hampel
 from pl_mc.methods.huber import Huber
+from pl_mc.methods.ibpl import Ibpl
 from pl_mc.methods.igg3 import Igg3
 from pl_mc.methods.igg3_gated import GatedIgg3
 from pl_mc.methods.l1 import L1
@@ -35,6 +36,7 @@ METHODS: dict[str, type] = {
     "igg3_gated": GatedIgg3,
     "araim": Araim,
     "separated": Separated,
+    "ibpl": Ibpl,
     "slope": Slope,
     "max_dop": MaxDop,
     "parity": Parity,
