@@ -182,11 +182,11 @@ RNP_03 = AlertLimits("RNP 0.3", horizontal_m=556.0)
 # Operations with a vertical limit, and all of them.
 BY_NAME = {limits.name: limits for limits in (APV_I, LPV_200, APV_II, CAT_I, CAT_II, CAT_IIIB)}
 OPERATIONS = BY_NAME | {limits.name: limits for limits in (NPA, TERMINAL, EN_ROUTE, OCEANIC, RNP_01, RNP_03)}
-_BY_LETTERS = {re.sub(r"[ -]", "", name).lower(): name for name in OPERATIONS} | {"catii/iiia": CAT_II.name}
+_BY_LETTERS = {name.lower().replace(" ", "-"): name for name in OPERATIONS} | {"cat-ii/iiia": CAT_II.name}
 
 
 def operation_named(name: str, field: str = "alert") -> str:
-    """The name of an operation as `OPERATIONS` has it, of one that differs in case, blanks and hyphens alone."""
+    """The name of an operation as `OPERATIONS` has it, of one in another case, or with a blank for a hyphen."""
     return _BY_LETTERS.get(_letters(name)) or require_choice(name, OPERATIONS, field=field)
 
 
@@ -196,7 +196,7 @@ def is_operation(name: object) -> bool:
 
 
 def _letters(name: str) -> str:
-    return re.sub(r"[\s_-]", "", name).lower()
+    return re.sub(r"[\s-]+", "-", name.strip()).lower()
 
 
 def as_limits(alert: str | AlertLimits) -> AlertLimits:

@@ -164,10 +164,10 @@ def test_limits() -> None:
     assert as_axes(None, OPERATIONS["CAT-I"]) == (VERTICAL,)
     assert OPERATIONS["RNP 0.1"].words == "HAL 185 m"
     assert unjudged_note(OPERATIONS["RNP 0.1"], (HORIZONTAL,)) == ""
-    # Names as they are written elsewhere, by case, blanks and hyphens.
+    # Names as they are written elsewhere, in another case and with blanks for hyphens.
     for name, meant in (
-        ("CAT I", "CAT-I"), ("CAT II/IIIA", "CAT-II"), ("cat_iiib", "CAT-IIIB"), ("LPV200", "LPV-200"),
-        ("RNP0.3", "RNP 0.3"), ("En-route", "en-route"), ("Terminal", "terminal"), ("rnp 0.1", "RNP 0.1"),
+        ("CAT I", "CAT-I"), ("CAT II/IIIA", "CAT-II"), ("cat iiib", "CAT-IIIB"), ("lpv 200", "LPV-200"),
+        ("RNP-0.3", "RNP 0.3"), ("En-route", "en-route"), ("Terminal", "terminal"), ("rnp 0.1", "RNP 0.1"),
     ):  # fmt: skip
         assert as_limits(name) is OPERATIONS[meant]
     with pytest.raises(pl_mc.InputError, match="alert: 'CAT IV' is unknown"):

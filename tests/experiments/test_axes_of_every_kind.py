@@ -171,7 +171,7 @@ def test_exposures_of_either_limit_hold_those_of_both() -> None:
 TUNING: dict[str, Any] = {
     "kind": "tuning", "title": "rail", "seed": 5, "geometry": GPS,
     "targets": [1e-2], "methods": ["ls", {"name": "igg3", "iterations": 10}], "faults": [{"G22": 5.0}], "draws": 4096,
-    "search_draws": 1024, "steps": 2, "max_evaluations": 500_000,
+    "search_draws": 1024, "steps": 1, "objectives": ["hpl"], "max_evaluations": 500_000,
 }  # fmt: skip
 RISK: dict[str, Any] = {
     "kind": "risk", "title": "rail", "seed": 5, "noise_scale": 3.0, "geometry": GPS,

@@ -233,7 +233,9 @@ def test_a_rare_target(g: Geometry, monkeypatch: pytest.MonkeyPatch) -> None:
 
     # Where the search has no ground to stand on there is a sentence and no number.
     monkeypatch.setattr(TUNE, "_LEAST_EFFECTIVE", 1e9)
-    monkeypatch.setattr(TUNE, "estimated_limits", lambda *_, **__: TUNE.unknown_limits("not asked"))
+    monkeypatch.setattr(
+        TUNE, "estimated_limits", lambda _, problem, *__, **___: TUNE.unknown_limits(problem, "not asked")
+    )
     degenerate = tune(g, **(rare | {"steps": 1, "parameters": "k1", "search_draws": 1024}))
     assert degenerate.attrs["method"] is None
     assert np.isnan(degenerate["objective"].iloc[1])
