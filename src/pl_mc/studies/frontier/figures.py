@@ -6,8 +6,20 @@ import numpy as np
 import pandas as pd
 from matplotlib.figure import Figure
 
-from pl_mc.report.figures import legend_below, new_figure, series_style
+from pl_mc.report.figures import SeriesStyle, legend_below, new_figure, series_style
 from pl_mc.report.findings import picture
+
+# Behind the common six: more methods than elsewhere stand side by side here.
+_FURTHER = (
+    SeriesStyle("#000000", "-", "x"),
+    SeriesStyle("#882255", "--", "*"),
+    SeriesStyle("#44AA99", "-.", "<"),
+    SeriesStyle("#AA4499", ":", ">"),
+    SeriesStyle("#888888", "-", "h"),
+    SeriesStyle("#117733", "--", "X"),
+    SeriesStyle("#332288", "-.", "p"),
+    SeriesStyle("#661100", ":", "d"),
+)
 
 
 @picture(
@@ -27,7 +39,7 @@ def frontier_figure(curves: pd.DataFrame, frontier: pd.DataFrame, *, axis: str, 
             rows = curves[(curves.sky == sky) & (curves.method == method)].sort_values("level_m")
             if rows.empty:
                 continue
-            look = series_style(k).look | ({"linestyle": "none"} if len(rows) == 1 else {})
+            look = series_style(k, _FURTHER).look | ({"linestyle": "none"} if len(rows) == 1 else {})
             panel.plot(rows.level_m, np.maximum(rows.risk, 1e-12), **look, linewidth=1.2, markersize=4.5, label=method)
         allowed = float(here.allowed.mean())
         panel.axhline(allowed, color="0.3", linewidth=1.0, linestyle=(0, (4, 2)), label="allowed")
@@ -58,8 +70,12 @@ def multiplier_figure(geometries: pd.DataFrame, multipliers: pd.DataFrame, *, ax
                 continue
             share = np.arange(1, found.size + 1) / found.size
             finite = np.isfinite(found)
-            look = series_style(k).look | {"marker": ""}
-            panel.step(found[finite], share[finite], where="post", **look, linewidth=1.2, label=method)
+            look = series_style(k, _FURTHER).look
+            every = max(found.size // 8, 1)
+            panel.step(
+                found[finite], share[finite], where="post", **look, linewidth=1.2, markersize=4.5, markevery=every,
+                label=method,
+            )  # fmt: skip
         panel.set(xlabel=f"K of the {axis} level", title=sky, ylim=(0.0, 1.02))
     axes[0].set_ylabel("share of geometries that need less")
     legend_below(figure, axes[:1], columns=3, side="center")
