@@ -116,8 +116,8 @@ def test_rates_belong_together(day: pl_mc.Geometry) -> None:
     np.testing.assert_array_equal(of_test[0].alarm_rate, of_test[1].alarm_rate)
     with pytest.raises(InputError, match="axis: horizontal needs a horizontal limit, and test has VAL 35 m alone"):
         ls_rates(day, faults, axis="horizontal", alert=pl_mc.AlertLimits("test", vertical_m=35.0))
-    with pytest.raises(InputError, match="axis: 'either' is unknown"):
-        ls_rates(day, faults, axis="either")  # type: ignore[arg-type]
+    with pytest.raises(InputError, match="axis: 'eastern' is unknown"):
+        ls_rates(day, faults, axis="eastern")  # type: ignore[arg-type]
     with pytest.raises(InputError, match=r"k_horizontal: it does nothing on the vertical axis; .* k_vertical"):
         ls_rates(day, faults, k_horizontal=5.0)
     with pytest.raises(InputError, match="k_vertical: it does nothing on the horizontal axis"):

@@ -17,19 +17,21 @@ import pandas as pd
 from numpy.typing import NDArray
 from scipy import special
 
-from pl_mc.alert import EITHER, HORIZONTAL, LPV_200, VERTICAL, AlertLimits, as_axis, as_limits
+from pl_mc.alert import HORIZONTAL, LPV_200, VERTICAL, AlertLimits, as_axis, as_limits, judged_by
 from pl_mc.arrays import FloatArray, ordinary_arithmetic
 from pl_mc.constants import K_HORIZONTAL, K_VERTICAL
 from pl_mc.faults import Faults, require_faults
 from pl_mc.geometry.record import Geometry, require_geometry
 from pl_mc.input_errors import InputError, require_choice, require_within
 from pl_mc.statistics.drawn_sizes import mean_over_sizes
+from pl_mc.statistics.either import JointErrors, either_beyond, joint_either_exceedance
 from pl_mc.statistics.least_squares import FaultEffects, LsQuantities, fault_effects, ls_quantities
 from pl_mc.statistics.length import LEAST_RATIO, joint_length_exceedance, length_beyond
 from pl_mc.statistics.noncentral import joint_exceedance, split_at_threshold
 from pl_mc.statistics.student import chi2_threshold
 
 PL_ALARM, CHI2_ALARM = "pl", "chi2"
+Axis = Literal["vertical", "horizontal", "either"]
 RATE_COLUMNS = ("alarm_rate", "hazard_rate", "missed_rate", "misleading_rate", "exceeded_rate", "false_alarm_rate")
 
 
@@ -39,7 +41,7 @@ def ls_rates(
     faults: Faults,
     *,
     alert: str | AlertLimits = LPV_200,
-    axis: Literal["vertical", "horizontal"] | None = None,
+    axis: Axis | None = None,
     k_vertical: float = K_VERTICAL,
     k_horizontal: float = K_HORIZONTAL,
     alarm: Literal["pl", "chi2"] = "pl",
@@ -58,8 +60,8 @@ def ls_rates(
         faults: the faults, made for ``g``; a fault counts where all of its satellites are in view. Of one drawn size
             the rates are the mean over its distribution; several that are drawn independently are refused.
         alert: alert limits.
-        axis: which of them is used: ``vertical``, or ``horizontal`` for the length of the horizontal error; the
-            vertical one unless given, the horizontal one where the alert has no other.
+        axis: which of them is used: ``vertical``, ``horizontal`` for the length of the horizontal error, or ``either``
+            of both; the vertical one unless given, the horizontal one where the alert has no other.
         k_vertical, k_horizontal: factor of the protection level of that axis.
         alarm: ``pl``, alarm when the level passes the limit; ``chi2``, alarm when V'PV exceeds its fault-free
             quantile.
@@ -74,7 +76,7 @@ def ls_rates(
         ``misleading_rate``: error > level and no alarm;
         ``exceeded_rate``: error > level, alarm or not;
         ``false_alarm_rate``: available, alarm, and no hazard.
-        Relative accuracy 1e-8 or better down to 1e-290 (noncentrality up to 1e8), horizontally 1e-6.
+        Relative accuracy 1e-8 or better down to 1e-290 (noncentrality up to 1e8), horizontally and for either 1e-6.
 
     Raises:
         InputError: faults of another geometry, an unknown alarm, a factor or probability outside its range.
@@ -83,39 +85,66 @@ def ls_rates(
     require_geometry(g)
     require_faults(faults).require_geometry(g)
     alert = as_limits(alert)
-    axis = _one_axis(axis, alert)
-    limit_m = alert.limit_m[axis]
+    decides = as_axis(axis, alert)
     if faults.drawn.any():
-        options: Any = {"alert": alert, "axis": axis, "k_vertical": k_vertical, "k_horizontal": k_horizontal}
+        options: Any = {"alert": alert, "axis": decides, "k_vertical": k_vertical, "k_horizontal": k_horizontal}
         return mean_over_sizes(g, faults, partial(ls_rates, g, **options, alarm=alarm, p_fa=p_fa), RATE_COLUMNS)
     factors = {VERTICAL: (k_vertical, K_VERTICAL), HORIZONTAL: (k_horizontal, K_HORIZONTAL)}
     for other, (given, usual) in factors.items():
         factor = require_within(given, field=f"k_{other}", low=1e-9, high=1e100)
-        if other != axis and factor != usual:
-            raise InputError(f"k_{other}: it does nothing on the {axis} axis; leave it out, or give k_{axis}.")
-    factor = factors[axis][0]
+        if other not in judged_by(decides) and factor != usual:
+            raise InputError(f"k_{other}: it does nothing on the {decides} axis; leave it out, or give k_{decides}.")
     quantities = ls_quantities(g)
     effects = fault_effects(g, faults, quantities)
 
     available = np.atleast_1d(quantities.available)[effects.epoch_index]
     epoch = effects.epoch_index[available]
-    dop_m = np.atleast_1d(quantities.vdop_m if axis == VERTICAL else quantities.hdop_m)[epoch]
     dof = np.atleast_1d(quantities.dof)[epoch].astype(float)
-    threshold = chi2_threshold(dof, p_fa) if alarm == CHI2_ALARM else dof * (limit_m / (factor * dop_m)) ** 2
+    dops_m = {VERTICAL: np.atleast_1d(quantities.vdop_m)[epoch], HORIZONTAL: np.atleast_1d(quantities.hdop_m)[epoch]}
+    vdop_m, hdop_m = dops_m.values()
+    if alarm == CHI2_ALARM:
+        threshold = chi2_threshold(dof, p_fa)
+    else:
+        # V'PV at which the first of the levels reaches its limit.
+        threshold = np.min(
+            [dof * (alert.limit_m[one] / (factors[one][0] * dops_m[one])) ** 2 for one in judged_by(decides)], axis=0
+        )
     rates = np.zeros((len(RATE_COLUMNS), available.size))
     rates[0] = 1.0
     shared = {"threshold": threshold, "dof": dof, "noncentrality": effects.noncentrality[available]}
-    if axis == VERTICAL:
+    upward = k_vertical / np.sqrt(dof)
+    if decides == VERTICAL:
         rates[:, available] = error_and_alarm_rates(
-            **shared, slope=factor / np.sqrt(dof), shift=effects.vertical_m[available] / dop_m, limit=limit_m / dop_m
+            **shared, slope=upward, shift=effects.vertical_m[available] / vdop_m, limit=alert.val_m / vdop_m
         )
     else:
         largest_m, ratio, major, minor = horizontal_errors(quantities, effects, available)
-        rates[:, available] = length_and_alarm_rates(
-            **shared, slope=factor * dop_m / (largest_m * np.sqrt(dof)), limit=limit_m / largest_m, ratio=ratio,
-            major=major, minor=minor,
-        )  # fmt: skip
+        sideways, limit = k_horizontal * hdop_m / (largest_m * np.sqrt(dof)), alert.hal_m / largest_m
+        if decides == HORIZONTAL:
+            rates[:, available] = length_and_alarm_rates(
+                **shared, slope=sideways, limit=limit, ratio=ratio, major=major, minor=minor
+            )
+        else:
+            errors = joint_errors(g, quantities, effects, available)
+            joint = joint_either_exceedance(**shared, upward=upward, sideways=sideways, errors=errors)
+            rates[:, available] = _together(shared, joint, either_beyond(alert.val_m / vdop_m, limit, errors))
     return _table(g, faults, effects, rates)
+
+
+def joint_errors(g: Geometry, quantities: LsQuantities, effects: FaultEffects, rows: NDArray[np.bool_]) -> JointErrors:
+    """The joint law of the vertical and the horizontal errors of pairs."""
+    epoch = effects.epoch_index[rows]
+    largest_m, ratio, major, minor = horizontal_errors(quantities, effects, rows)
+    vdop_m = np.atleast_1d(quantities.vdop_m)[epoch]
+    sigma_m = g.as_series().sigma_m
+    gain = quantities.gain.reshape(sigma_m.shape) * sigma_m
+    sideways = quantities.horizontal_gain.reshape(len(sigma_m), 2, -1) * sigma_m[:, None]
+    cross_m2 = np.einsum("pn,pcn->pc", gain[epoch], sideways[epoch])
+    axes = np.linalg.eigh(quantities.horizontal_cofactor.reshape(-1, 2, 2)[epoch])[1]
+    with_minor, with_major = np.einsum("pca,pc->ap", axes, cross_m2) / (largest_m * vdop_m)
+    ratio = np.clip(ratio, LEAST_RATIO, 1.0)
+    vertical = effects.vertical_m[rows] / vdop_m
+    return JointErrors(vertical, ratio, major, minor, with_major, with_minor / ratio)
 
 
 def horizontal_errors(
@@ -130,17 +159,6 @@ def horizontal_errors(
     minor, major = np.einsum("pca,pc->ap", axes, effects.horizontal_m[rows])
     largest_m = np.sqrt(variance[:, 1])
     return largest_m, np.sqrt(np.maximum(variance[:, 0], 0.0)) / largest_m, major / largest_m, minor / largest_m
-
-
-def _one_axis(axis: str | None, alert: AlertLimits) -> Literal["vertical", "horizontal"]:
-    """The axis, if its rates are known."""
-    decides = as_axis(axis, alert)
-    if decides == EITHER:
-        raise InputError(
-            "axis: of either limit no exact rates are known here, since the vertical and the horizontal error depend "
-            "on each other; choose vertical or horizontal (their rates bound those of either), or use pl_mc.sweep."
-        )
-    return "vertical" if decides == VERTICAL else "horizontal"
 
 
 @dataclass(frozen=True)
@@ -158,7 +176,11 @@ class Law(ABC):
 
     @abstractmethod
     def rates(
-        self, g: Geometry, faults: Faults, alert: AlertLimits, axis: Literal["vertical", "horizontal"] = "vertical"
+        self,
+        g: Geometry,
+        faults: Faults,
+        alert: AlertLimits,
+        axis: Literal["vertical", "horizontal", "either"] = "vertical",
     ) -> pd.DataFrame:
         """The exact rates under each fault, as of `ls_rates`."""
 
@@ -168,11 +190,14 @@ class LeastSquaresLaw(Law):
     """VPL = k_vertical sqrt(V'PV / (n - t)) VDOP, HPL likewise (Zhao et al. 2021, eqs 4, 12, 14, 16)."""
 
     def rates(
-        self, g: Geometry, faults: Faults, alert: AlertLimits, axis: Literal["vertical", "horizontal"] = "vertical"
+        self,
+        g: Geometry,
+        faults: Faults,
+        alert: AlertLimits,
+        axis: Literal["vertical", "horizontal", "either"] = "vertical",
     ) -> pd.DataFrame:
-        if axis == HORIZONTAL:
-            return ls_rates(g, faults, alert=alert, axis="horizontal", k_horizontal=self.k_horizontal)
-        return ls_rates(g, faults, alert=alert, k_vertical=self.k_vertical)
+        given = {f"k_{one}": getattr(self, f"k_{one}") for one in judged_by(axis)}
+        return ls_rates(g, faults, alert=alert, axis=axis, **given)
 
 
 @dataclass(frozen=True)
@@ -184,24 +209,34 @@ class AprioriLaw(Law):
 
     @ordinary_arithmetic
     def rates(
-        self, g: Geometry, faults: Faults, alert: AlertLimits, axis: Literal["vertical", "horizontal"] = "vertical"
+        self,
+        g: Geometry,
+        faults: Faults,
+        alert: AlertLimits,
+        axis: Literal["vertical", "horizontal", "either"] = "vertical",
     ) -> pd.DataFrame:
-        vertical, limit_m = axis == VERTICAL, alert.limit_m[as_axis(axis, alert)]
+        judged = judged_by(as_axis(axis, alert))
         quantities = ls_quantities(g)
         effects = fault_effects(g, faults, quantities)
         available = np.atleast_1d(quantities.available)[effects.epoch_index]
-        dop_m = np.atleast_1d(quantities.vdop_m if vertical else quantities.hdop_m)[effects.epoch_index[available]]
-        level_m = (self.k_vertical if vertical else self.k_horizontal) * dop_m
+        epoch = effects.epoch_index[available]
+        dops_m = {VERTICAL: quantities.vdop_m, HORIZONTAL: quantities.hdop_m}
+        level_m = {one: getattr(self, f"k_{one}") * np.atleast_1d(dops_m[one])[epoch] for one in judged}
+        vdop_m = np.atleast_1d(quantities.vdop_m)[epoch]
 
-        def tails(size_m: FloatArray) -> tuple[FloatArray, FloatArray]:
-            """P(error <= size) and P(error > size)."""
-            if vertical:
-                return _normal_tails(size_m / dop_m, effects.vertical_m[available] / dop_m)
+        def tails(size_m: dict[str, FloatArray]) -> tuple[FloatArray, FloatArray]:
+            """P(errors <= sizes) and P(one of them > its size)."""
+            if judged == (VERTICAL,):
+                return _normal_tails(size_m[VERTICAL] / vdop_m, effects.vertical_m[available] / vdop_m)
             largest_m, *shape = horizontal_errors(quantities, effects, available)
-            return length_beyond(size_m / largest_m, *shape)
+            if judged == (HORIZONTAL,):
+                return length_beyond(size_m[HORIZONTAL] / largest_m, *shape)
+            errors = joint_errors(g, quantities, effects, available)
+            return either_beyond(size_m[VERTICAL] / vdop_m, size_m[HORIZONTAL] / largest_m, errors)
 
-        (harmless, hazard), (_, exceeded) = tails(np.full_like(level_m, limit_m)), tails(level_m)
-        alarm = level_m > limit_m
+        limits_m = {one: np.full(epoch.shape, alert.limit_m[one]) for one in judged}
+        (harmless, hazard), (_, exceeded) = tails(limits_m), tails(level_m)
+        alarm = np.any([level_m[one] > limits_m[one] for one in judged], axis=0)
         rates = np.zeros((len(RATE_COLUMNS), available.size))
         rates[0] = 1.0
         rates[:, available] = alarm, hazard, ~alarm * hazard, ~alarm * exceeded, exceeded, alarm * harmless
@@ -242,12 +277,9 @@ def error_and_alarm_rates(
         shift: (pairs,), mean error.
         limit: (pairs,), alert limit.
     """
-    quiet, alarmed = split_at_threshold(threshold, dof, noncentrality)
-    misleading, exceeded_with_alarm = joint_exceedance(threshold, dof, noncentrality, slope, shift)
-    harmless, hazard = _normal_tails(limit, shift)
-    misleading = np.minimum(misleading, quiet)
-    exceeded = np.minimum(misleading + exceeded_with_alarm, 1.0)
-    return np.stack([alarmed, hazard, hazard * quiet, misleading, exceeded, alarmed * harmless])
+    shared = {"threshold": threshold, "dof": dof, "noncentrality": noncentrality}
+    joint = joint_exceedance(threshold, dof, noncentrality, slope, shift)
+    return _together(shared, joint, _normal_tails(limit, shift))
 
 
 def length_and_alarm_rates(
@@ -261,12 +293,21 @@ def length_and_alarm_rates(
         ratio: (pairs,), the smaller standard deviation of the error over the larger one.
         major, minor: (pairs,), mean error along the two principal axes.
     """
-    quiet, alarmed = split_at_threshold(threshold, dof, noncentrality)
     ratio = np.clip(ratio, LEAST_RATIO, 1.0)
-    misleading, exceeded_with_alarm = joint_length_exceedance(
-        threshold, dof, noncentrality, slope, ratio, major, minor
-    )  # fmt: skip
-    harmless, hazard = length_beyond(limit, ratio, major, minor)
-    misleading = np.minimum(misleading, quiet)
-    exceeded = np.minimum(misleading + exceeded_with_alarm, 1.0)
+    shared = {"threshold": threshold, "dof": dof, "noncentrality": noncentrality}
+    joint = joint_length_exceedance(threshold, dof, noncentrality, slope, ratio, major, minor)
+    return _together(shared, joint, length_beyond(limit, ratio, major, minor))
+
+
+def _together(
+    shared: dict[str, FloatArray], joint: tuple[FloatArray, FloatArray], tails: tuple[FloatArray, FloatArray]
+) -> FloatArray:
+    """The rates, (6, pairs), of V'PV (``shared``) and an error that is independent of it.
+
+    ``joint`` is P(error beyond its level) without and with an alarm, ``tails`` P(error within and beyond its limit).
+    """
+    quiet, alarmed = split_at_threshold(**shared)
+    harmless, hazard = tails
+    misleading = np.minimum(joint[0], quiet)
+    exceeded = np.minimum(misleading + joint[1], 1.0)
     return np.stack([alarmed, hazard, hazard * quiet, misleading, exceeded, alarmed * harmless])

@@ -65,7 +65,7 @@ def joint_length_exceedance(
     require_slope(slope)
     _require_axes(ratio, major, minor)
     return integrate_both_sides(
-        threshold, dof, noncentrality, _LengthTail, above=above, slope=slope, ratio=ratio, major=major, minor=minor
+        threshold, dof, noncentrality, LengthTail, above=above, slope=slope, ratio=ratio, major=major, minor=minor
     )
 
 
@@ -86,7 +86,7 @@ def length_beyond(
     arrays = require_one_shape(limit=limit, ratio=ratio, major=major, minor=minor)
     require_true(arrays[0] > 0, field="limit", rule="a positive number is needed", of=arrays[0])
     limit, ratio, major, minor = (value.reshape(-1) for value in arrays)
-    tail = _LengthTail(np.ones_like(limit), ratio, major, minor)
+    tail = LengthTail(np.ones_like(limit), ratio, major, minor)
     rows = np.ones(limit.size, bool)
     beyond = np.exp(tail(limit[:, None], rows))[:, 0]
     within = np.exp(tail.within(limit))
@@ -95,7 +95,7 @@ def length_beyond(
     return np.where(rare, 1.0 - beyond, within).reshape(shape), np.where(rare, beyond, 1.0 - within).reshape(shape)
 
 
-class _LengthTail(Tail):
+class LengthTail(Tail):
     """Of |(Z + major, ratio Z' + minor)|: an integral over the second component, of tails of the first."""
 
     def __init__(self, slope: FloatArray, ratio: FloatArray, major: FloatArray, minor: FloatArray) -> None:

@@ -40,14 +40,14 @@ def frontier_figure(curves: pd.DataFrame, frontier: pd.DataFrame, *, axis: str, 
             if rows.empty:
                 continue
             look = series_style(k, _FURTHER).look | ({"linestyle": "none"} if len(rows) == 1 else {})
-            panel.plot(rows.level_m, np.maximum(rows.risk, 1e-12), **look, linewidth=1.2, markersize=4.5, label=method)
+            panel.plot(rows.level_m, np.maximum(rows.risk, 1e-14), **look, linewidth=1.2, markersize=4.5, label=method)
         allowed = float(here.allowed.mean())
         panel.axhline(allowed, color="0.3", linewidth=1.0, linestyle=(0, (4, 2)), label="allowed")
         panel.set(yscale="log", xlabel=f"mean {axis} level [m]", title=sky)
         widest = here.level_mean_m[np.isfinite(here.level_mean_m)]
         if len(widest):
             panel.set_xlim(0.6 * widest.min(), min(1.6 * float(widest.median()), 1.1 * float(widest.max())) + 1.0)
-        panel.set_ylim(1e-10, 1e-4)
+        panel.set_ylim(min(1e-10, 0.5 * float(curves.risk.min())), 1e-4)
     axes[0].set_ylabel("risk of the analysed modes, per sample")
     legend_below(figure, axes[:1], columns=3, side="center")
     return figure
