@@ -5,6 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pandas as pd
 import pytest
+from pydantic import ValidationError
 
 from pl_mc.engine import Execution
 from pl_mc.input_errors import InputError
@@ -93,6 +94,10 @@ def test_one_number_is_the_largest_and_its_share_that_of_order_statistics() -> N
     assert row.share_kept == pytest.approx(0.99, abs=5e-5)
     assert row.k_of_even == pytest.approx(6.01)
     assert (row.odd, row.odd_beyond) == (149, 0)
+    # Where the largest is among the rest it is beyond what the others would have chosen.
+    (row,) = one_number(table.assign(geometry=[*np.setdiff1d(range(299), [1]), 1])).itertuples()
+    assert row.k_of_even == pytest.approx(5.51)
+    assert row.odd_beyond == 1
 
 
 @pytest.mark.parametrize(
@@ -101,6 +106,9 @@ def test_one_number_is_the_largest_and_its_share_that_of_order_statistics() -> N
         ({"budget": {"targt": 1.0}}, "budget", "'targt' is unknown"),
         ({"skies": [FEW["skies"][0] | {"methods": ["lss"]}]}, "skies", "lss"),
         ({"skies": [FEW["skies"][0] | {"constellations": ["GPX"]}]}, "skies", "GPX"),
+        ({"budget": {"p_const": 1e-4}}, "skies", "nothing is left"),
+        ({"budget": {"p_sat": 2.0}}, "skies", "p_sat: a prior probability"),
+        ({"skies": [FEW["skies"][0] | {"site": "world", "start": "soon"}]}, "skies", "a day: start"),
     ],
 )
 def test_refusals(change, field, words) -> None:
@@ -113,3 +121,21 @@ def test_refusals(change, field, words) -> None:
             caught.append((name, str(error)))
     assert [name for name, _ in caught] == [field]
     assert words in caught[0][1]
+
+
+@pytest.mark.parametrize(
+    "change", [{"sizes_m": []}, {"biases_m": [-1.0]}, {"sigma_factors": [0.0]}, {"skies": [FEW["skies"][0]] * 2}]
+)
+def test_what_no_record_takes(change) -> None:
+    with pytest.raises(ValidationError):
+        FrontierExperiment.model_validate(FEW | change)
+
+
+def test_a_method_without_a_solution_keeps_nothing() -> None:
+    """One constellation whose fault is probable: no level of separation."""
+    sky = {"name": "gps", "site": "CUT0", "count": 1, "stressed": 1, "constellations": ["GPS"]}
+    lone = FEW | {"skies": [sky], "methods": [{"name": "separated", "estimate": "midrange"}]}
+    experiment = FrontierExperiment.model_validate(lone)
+    found = STUDY.found(experiment, Execution(progress=False))
+    assert found.data["frontier"].kept.tolist() == [0]
+    assert STUDY.answer(found.data, experiment) == ("gps: no method keeps the budget at every geometry.",)

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import jax
 import numpy as np
 import pytest
 from scipy import stats
@@ -150,6 +149,23 @@ def test_a_level_that_no_fault_moves_has_no_multiplier() -> None:
     assert np.isfinite(tested["k_low"][0])
 
 
+def test_few_degrees_of_freedom_need_a_large_multiplier_and_have_one() -> None:
+    """Student's quantile with two of them is in the thousands."""
+    few = random_series(np.random.default_rng(5), np.ones((1, 7), bool), "GGGGEEE", noise=1.0)[0]
+    row = pl_mc.calibrate(few, method="ls", budget=RiskBudget(), draws=8 * FEW, max_evaluations=400_000).iloc[0]
+    exact = stats.t.isf(0.5 * row["contribution_fault_free"], 2)
+    assert exact > 1000
+    assert row["k_low"] * 0.9 < exact < row["k_high"] * 1.1 or row["warning"]
+
+
+def test_a_satellite_alone_with_its_clock_harms_nothing() -> None:
+    """Its fault is its clock's; one that moves the position and is checked by none is never found."""
+    alone = random_series(np.random.default_rng(5), np.ones((1, 9), bool), "GGGGGGGGE", noise=1.0)[0]
+    row = pl_mc.level_risk(alone, method="huber", draws=1024).iloc[0]
+    assert row["contribution_single"] < 1e-6
+    assert row["worst_fault"][:3] != "E01"
+
+
 def test_budgets() -> None:
     shares = RiskBudget(p_sat={"G": 1e-5, "E": 3e-5}, p_const={"G": 1e-8, "E": 0.0}).shared(G)
     np.testing.assert_allclose(shares.single[[0, 13]], [1e-5, 3e-5], rtol=1e-3)
@@ -171,6 +187,8 @@ def test_budgets() -> None:
         ({"budget": {"targt": 1e-7}}, "budget: 'targt' is unknown"),
         ({"budget": 3}, "budget: pl_mc.RiskBudget(target=9.8e-8)"),
         ({"budget": {"b_nom_m": -1}}, "budget: b_nom_m: from 0 to 100 m"),
+        ({"budget": {"target": 1e-3}}, "budget: target: the risk of one axis, 0.001, is no more than that of both"),
+        ({"budget": {"p_sat": 2.0}}, "p_sat: a prior probability lies between 0 and 1"),
         ({"budget": {"p_const": 1e-4}}, "nothing is left"),
         ({"budget": RiskBudget(), "axis": "either"}, "axis: a budget belongs to one level"),
         ({"budget": RiskBudget(), "draws": 10}, "draws"),
@@ -183,9 +201,13 @@ def test_refusals(options, words) -> None:
     assert words in str(caught.value)
 
 
-def test_rows_of_padding_and_threads_change_nothing() -> None:
-    """The noise of a satellite does not hang on how many rows a program has."""
-    assert jax.config.jax_enable_x64
-    first = pl_mc.level_risk(G, method="ls", draws=1024, seed=9)
-    again = pl_mc.level_risk(G, method="ls", draws=1024, seed=9)
+def test_the_same_seed_gives_the_same_numbers() -> None:
+    first, again, other = (pl_mc.level_risk(G, method="ls", draws=1024, seed=seed) for seed in (9, 9, 10))
     assert first.equals(again)
+    assert not first.equals(other)
+
+
+def test_priors_of_zero_leave_the_fault_free_case() -> None:
+    row = pl_mc.level_risk(G, method="ls", budget={"p_sat": 0.0}, draws=1024).iloc[0]
+    assert row["contribution_single"] == row["contribution_pairs"] == row["contribution_lost"] == 0.0
+    assert row["risk"] == row["contribution_fault_free"] > 0.0

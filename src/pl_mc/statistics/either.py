@@ -52,7 +52,7 @@ def joint_either_exceedance(
 ) -> tuple[FloatArray, FloatArray]:  # fmt: skip
     """P(vertical error > upward sqrt(Y), or horizontal one > sideways sqrt(Y)): (pairs,) for Y <= threshold, and above.
 
-    Y is noncentral chi-square and independent of the errors; relative error below 1e-6.
+    Y is noncentral chi-square and independent of the errors; relative error below 1e-6 down to 1e-30.
     """
     fields = dict(zip(JointErrors.__dataclass_fields__, astuple(errors), strict=True))
     return integrate_both_sides(threshold, dof, noncentrality, _EitherTail, slope=upward, sideways=sideways, **fields)

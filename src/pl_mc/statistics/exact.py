@@ -76,7 +76,8 @@ def ls_rates(
         ``misleading_rate``: error > level and no alarm;
         ``exceeded_rate``: error > level, alarm or not;
         ``false_alarm_rate``: available, alarm, and no hazard.
-        Relative accuracy 1e-8 or better down to 1e-290 (noncentrality up to 1e8), horizontally and for either 1e-6.
+        Relative accuracy 1e-8 or better down to 1e-290 (noncentrality up to 1e8), horizontally 1e-6, for either
+        1e-6 down to 1e-30.
 
     Raises:
         InputError: faults of another geometry, an unknown alarm, a factor or probability outside its range.

@@ -34,7 +34,7 @@ class RiskBudget:
     beyond the alert limit is no excuse. Analysed are the fault-free case and every single satellite, each under the
     size of fault that is worst for it. Every other combination of faults counts as lost: its prior counts whole. As
     ARAIM does with what it does not monitor, what is lost is charged to the risk of both axes together, so that an axis
-    keeps ``target * (1 - p_lost / p_hmi)``.
+    keeps ``target * (1 - p_lost / p_hmi)`` for what is analysed, and both axes together p_hmi.
 
     Attributes:
         target: largest probability of the event on the axis; unless given 9.8e-8 for the vertical and 2e-9 for the
@@ -57,6 +57,11 @@ class RiskBudget:
         if self.target is not None:
             require_within(self.target, field="budget: target", low=1e-15, high=0.1)
         require_within(self.p_hmi, field="budget: p_hmi", low=1e-15, high=0.1)
+        if self.target is not None and self.target > self.p_hmi:
+            raise InputError(
+                f"budget: target: the risk of one axis, {self.target:g}, is no more than that of both, p_hmi = "
+                f"{self.p_hmi:g}."
+            )
         if not 0.0 <= require_number(self.b_nom_m, field="budget: b_nom_m") <= 100.0:
             raise InputError(f"budget: b_nom_m: from 0 to 100 m, not {self.b_nom_m!r}.")
 

@@ -16,6 +16,7 @@ from scipy import optimize, stats
 
 from pl_mc.arrays import FloatArray
 from pl_mc.geometry.record import Geometry
+from pl_mc.input_errors import InputError
 from pl_mc.integrity_risk.given_residuals.budget import RiskBudget, Shares
 from pl_mc.integrity_risk.given_residuals.draws import Drawn, EpochParts, draw
 from pl_mc.methods import Method
@@ -30,7 +31,11 @@ _FAULT_FREE_TIMES = 4
 _STRENGTHS = ((0.25, 1.0), (0.15, 1.25), (0.2, 1.55), (0.1, 0.7), (0.1, 0.45), (0.1, 0.28), (0.1, 0.15))
 # A multiplier beyond this is none, nor is one below the least; the search goes in such steps of its logarithm from the
 # first, and ends where it moves by less than a share of itself.
-LARGEST_K, _LEAST_K, _FIRST_K, _STRIDE, _CLOSE, _ROUNDS = 100.0, 1e-3, 5.5, 0.15, 5e-3, 4
+LARGEST_K, _LEAST_K, _FIRST_K, _STRIDE, _CLOSE, _ROUNDS = 1e9, 1e-3, 5.5, 0.15, 5e-3, 8
+# A multiplier so large, and so much larger than without a fault, is that of the largest size that was tried.
+_UNBOUNDED, _UNBOUNDED_TIMES = 1e3, 10.0
+# Satellites that move the error by less than this share of its standard deviation do not move it.
+_NO_EFFECT = 1e-9
 # For the slope at the multiplier.
 _STEP = 1.02
 DRAWS = 16_384
@@ -48,7 +53,7 @@ class Contributions:
         fault_free_error, single_error: standard errors.
         pairs, other: prior of pairs of satellites and of all that is not analysed besides.
         worst: place of the satellite with the largest contribution; -1 without any.
-        worst_bias_m: its fault [m].
+        worst_bias_m: its fault [m]; infinite at the end of the search.
         worst_fault_m: (n,), the same with the nominal biases of all satellites [m].
         worst_probability, worst_error: P(event) under it and its standard error.
         unsettled: largest share of draws whose last iteration still moved by more than 1 cm.
@@ -87,7 +92,7 @@ class LevelRisk:
         budget: priors and nominal biases.
         axis: ``vertical`` or ``horizontal``.
         draws: of the last estimate of every satellite; the fault-free case has four times as many.
-        seed: of the noise, which all methods share.
+        seed: of the noise, which all methods share; several whole numbers tell geometries apart.
         sigma_factor: the true sigma over that of the model, which method and level go by.
     """
 
@@ -114,7 +119,9 @@ class LevelRisk:
         self.prior = prior
         self.rows = np.flatnonzero(parts.checked & (prior > 0))
         # A fault that no residual shows is never found.
-        self.unchecked = float(prior[~parts.checked].sum())
+        # The only satellite of a clock moves that clock and nothing else.
+        moves = np.abs(parts.gain_m).max(axis=0) > _NO_EFFECT * np.sqrt(np.diag(parts.covariance_m2).max())
+        self.unchecked = float(prior[~parts.checked & moves].sum())
         self.free = self._fault_free()
         grid = [self._faults(int(row), _ROOTS) for row in self.rows]
         self.grid_m = np.concatenate(grid) if grid else np.zeros((0, prior.size))
@@ -128,10 +135,10 @@ class LevelRisk:
         return b_nom_m * np.sign(self.parts.gain_m / self.parts.sigma_m)
 
     def _rng(self, purpose: int) -> np.random.Generator:
-        return np.random.default_rng((self.seed, purpose))
+        key = self.seed if isinstance(self.seed, tuple) else (self.seed,)
+        return np.random.default_rng((*key, purpose))
 
     def _noise(self, draws: int, purpose: int) -> FloatArray:
-        # Rows of padding get numbers too, so that those of a satellite do not hang on how many there are.
         return self._rng(purpose).standard_normal((draws, self.parts.in_view.size))
 
     def _drawn(self, bias_m: FloatArray, draws: int, purpose: int) -> Drawn:
@@ -204,12 +211,28 @@ class LevelRisk:
             pairs=self.shares.pairs,
             other=self.shares.other,
             worst=row,
-            worst_bias_m=float(faults_m[worst, row]) if worst >= 0 else math.nan,
+            worst_bias_m=self._told(faults_m[worst], row) if worst >= 0 else math.nan,
             worst_fault_m=faults_m[worst] if worst >= 0 else np.zeros(self.prior.size),
             worst_probability=float(chance[worst].mean()) if worst >= 0 else 0.0,
             worst_error=float(chance[worst].std(ddof=1)) / count if worst >= 0 else 0.0,
             unsettled=max(float(one.unsettled.mean()) for one in (self.free, last) if one.unsettled.size),
         )
+
+    def _told(self, fault_m: FloatArray, row: int) -> float:
+        """The size of a fault on a row; infinite where it is the largest that was tried."""
+        size = float(fault_m[row])
+        root = abs(size) * math.sqrt(self.parts.redundancy[row]) / self.parts.sigma_m[row]
+        return math.copysign(math.inf, size) if root > 0.5 * _ROOTS[-1] else size
+
+    def allowed(self, target: float, p_hmi: float) -> float:
+        """What a target leaves the analysed modes; an `InputError` where that is nothing."""
+        left = target * (1.0 - self.shares.lost / p_hmi)
+        if left <= 0:
+            raise InputError(
+                f"budget: what is not analysed has a prior of {self.shares.lost:.3g}, and p_hmi is {p_hmi:g}: nothing "
+                "is left (smaller p_sat or p_const, or a larger p_hmi)."
+            )
+        return left
 
     def alarm_rates(self, k: float, limit_m: float, sizes_m: FloatArray, draws: int) -> FloatArray:
         """(sizes, n), share of draws that alarm at k times the level under each size on each satellite [m]."""
@@ -220,12 +243,15 @@ class LevelRisk:
         return alarms.mean(axis=1).reshape(len(sizes_m), n)
 
     def multiplier(self, allowed: float, z: float) -> tuple[Contributions | None, float, float]:
-        """Where the analysed modes take what is allowed, with bounds at ``z`` standard errors; None beyond LARGEST_K.
+        """Where the analysed modes take what is allowed, with bounds at ``z`` standard errors; None where none does.
 
-        The worst sizes are those of a multiplier that is at most half a per cent from it.
+        The worst sizes are those of a multiplier that is at most half a per cent from it, or ``settled`` is False.
         """
         # Faults only add to it.
-        k = _root(lambda k: self.shares.fault_free * self.free.beyond(k, self.parts).mean(axis=1).max(), allowed)
+        self.settled = False
+        k = alone = _root(
+            lambda k: self.shares.fault_free * self.free.beyond(k, self.parts).mean(axis=1).max(), allowed
+        )
         found = None
         for _ in range(_ROUNDS):
             if not math.isfinite(k):
@@ -239,9 +265,10 @@ class LevelRisk:
             before, k = k, _root(analysed, allowed)
             if math.isfinite(k):
                 found = self.at(max(k, _LEAST_K), faults_m, last)
-                if abs(k - before) <= _CLOSE * before:
+                self.settled = abs(k - before) <= _CLOSE * before
+                if self.settled:
                     break
-        if found is None or not math.isfinite(k):
+        if found is None or k > max(_UNBOUNDED, _UNBOUNDED_TIMES * alone):
             return None, math.inf, math.inf
         if k <= _LEAST_K:
             return found, 0.0, found.k
@@ -259,8 +286,9 @@ def _root(risk: Callable[[float], float], allowed: float) -> float:
         return math.log(max(float(risk(math.exp(log_k))), 1e-300) / allowed)
 
     low = high = math.log(_FIRST_K)
+    stride = _STRIDE
     while excess(high) > 0:
-        low, high = high, high + _STRIDE
+        low, high, stride = high, high + stride, 1.5 * stride
         if low > math.log(LARGEST_K):
             return math.inf
     while low == high or excess(low) <= 0:

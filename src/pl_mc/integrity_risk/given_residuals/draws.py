@@ -159,7 +159,7 @@ def draw(
                 whole[case] = np.asarray(values)[: case.size]
     mean = np.moveaxis(mean.reshape(faults, tiles, components, _TILE), 2, 3)
     mean = mean.reshape(faults, tiles * _TILE, components)[:, :draws]
-    level, silent, unsettled = (value.reshape(faults, -1)[:, :draws] for value in (level, *flags))
+    level, silent, unsettled = (value.reshape(faults, tiles * _TILE)[:, :draws] for value in (level, *flags))
     return Drawn(mean, level, silent, unsettled, np.ones(draws) if weight is None else weight)
 
 

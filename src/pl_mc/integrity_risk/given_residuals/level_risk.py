@@ -50,10 +50,11 @@ def level_risk(
         One row per epoch: ``epoch, method, axis, contribution_fault_free, contribution_single`` (priors times the
         probability of the event of `pl_mc.RiskBudget`, per sample), ``contribution_pairs, contribution_lost`` (priors
         of pairs of satellites and of all that is not analysed besides), ``risk`` (of the analysed modes), ``risk_low,
-        risk_high, allowed`` (what the budget leaves them), ``kept`` (whether risk_high is within it), ``worst_fault``
-        (of the largest contribution, the size in metres; infinite at the end of the search), ``worst_probability`` (of
-        the event under it), ``alarm_rate`` (without a fault; counted with the weights of the draws), ``level_m`` (mean
-        without a fault) and ``unconverged_rate`` (largest share of draws whose estimate has not settled).
+        risk_high, allowed`` (what the budget leaves them), ``kept`` (whether risk_high is within it; not where there
+        is never a solution), ``worst_fault`` (of the largest contribution, the size in metres; infinite at the end of
+        the search), ``worst_probability`` (of the event under it), ``alarm_rate`` (without a fault; counted with the
+        weights of the draws), ``level_m`` (mean without a fault) and ``unconverged_rate`` (largest share of draws whose
+        estimate has not settled).
 
     Raises:
         InputError: options outside their range, a geometry without redundancy.
@@ -98,7 +99,7 @@ def columns(
     g: Geometry, risk: LevelRisk, found: Contributions, target: float, p_hmi: float, confidence: float
 ) -> dict[str, Any]:
     """What `level_risk` says of the contributions at one multiplier."""
-    allowed = target * (1.0 - risk.shares.lost / p_hmi)
+    allowed = risk.allowed(target, p_hmi)
     reach = z_of(confidence) * found.error
     worst = f"{g.names[found.worst]}:{found.worst_bias_m:+.4g}m" if found.worst >= 0 else ""
     return {
@@ -110,7 +111,7 @@ def columns(
         "risk_low": max(found.analysed - reach, 0.0),
         "risk_high": found.analysed + reach,
         "allowed": allowed,
-        "kept": bool(found.analysed + reach <= allowed),
+        "kept": bool(found.analysed + reach <= allowed and risk.free.silent.any()),
         "worst_fault": worst,
         "worst_probability": found.worst_probability,
     }
@@ -121,7 +122,7 @@ def level_columns(risk: LevelRisk, k: float, limit_m: float) -> dict[str, float]
     free = risk.free
     weight = free.weight / free.weight.sum()
     level = k * free.level_m[0]
-    known = np.isfinite(level)
+    known = free.silent[0] & np.isfinite(level)
     return {
         "alarm_rate": float(weight @ free.alarms(k, limit_m)[0]),
         "level_m": float(weight[known] @ level[known] / weight[known].sum()) if known.any() else np.inf,

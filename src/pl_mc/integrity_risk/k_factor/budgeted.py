@@ -44,12 +44,7 @@ def calibrate_budget(
     for place in epochs_to_judge(g, method):
         one = series[place]
         risk = LevelRisk(one, with_k(method, 1.0, axis), budget, axis, draws=draws, seed=seed)
-        allowed = budget.on(axis) * (1.0 - risk.shares.lost / budget.p_hmi)
-        if allowed <= 0:
-            raise InputError(
-                f"budget: what is not analysed has a prior of {risk.shares.lost:.3g}, and p_hmi is {budget.p_hmi:g}: "
-                "nothing is left (smaller p_sat or p_const, or a larger p_hmi)."
-            )
+        allowed = risk.allowed(budget.on(axis), budget.p_hmi)
         found, low, high = risk.multiplier(allowed, z_of(confidence))
         before = k_of(method, axis)
         head = {"epoch": int(one.epoch), "method": method.name, "axis": axis, "target": budget.on(axis)}
@@ -57,10 +52,14 @@ def calibrate_budget(
         if found is None:
             found, k = risk.at(before), math.inf
             warning = "a fault without bounds exceeds every multiple of the level (contributions at the record's own)"
+            if not risk.free.silent.any():
+                warning = "there is never a solution"
             checks = dict.fromkeys(_CHECKS, math.nan)
         else:
             k = found.k
             checks, warning = _checks(one, method, risk, found, axis, seed, target_cov, most_evaluations)
+            if not risk.settled:
+                warning = "; ".join(filter(None, [warning, "the worst sizes and the multiplier did not settle"]))
         trusted = warning == "" or not math.isfinite(k)
         after = level_columns(risk, k, limit_m) if math.isfinite(k) else {"alarm_rate": 1.0, "level_m": math.inf}
         rows.append(

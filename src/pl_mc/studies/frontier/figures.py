@@ -47,7 +47,7 @@ def frontier_figure(curves: pd.DataFrame, frontier: pd.DataFrame, *, axis: str, 
         widest = here.level_mean_m[np.isfinite(here.level_mean_m)]
         if len(widest):
             panel.set_xlim(0.6 * widest.min(), min(1.6 * float(widest.median()), 1.1 * float(widest.max())) + 1.0)
-        panel.set_ylim(min(1e-10, 0.5 * float(curves.risk.min())), 1e-4)
+        panel.set_ylim(min([1e-10, *(0.5 * curves.risk)]), 1e-4)
     axes[0].set_ylabel("risk of the analysed modes, per sample")
     legend_below(figure, axes[:1], columns=3, side="center")
     return figure

@@ -6,15 +6,19 @@ import zlib
 from typing import Annotated, Any, Literal
 
 import numpy as np
-from pydantic import Field
+from pydantic import Field, field_validator
+from pydantic_core import PydanticCustomError
 
 from pl_mc.error_models import error_model
 from pl_mc.geometry import Geometry, simulate
+from pl_mc.geometry.gps_time import gps_dates, gps_seconds
 from pl_mc.integrity_risk.given_residuals import RiskBudget
 from pl_mc.integrity_risk.given_residuals.budget import as_budget
 from pl_mc.studies.spec import ByOneLevel, Strict
 
 WORLD = "world"
+
+_Positive = Annotated[float, Field(gt=0)]
 
 
 class Sky(Strict):
@@ -53,11 +57,11 @@ class Sky(Strict):
             found = [series[k] for k in range(len(series))]
         else:
             rng = np.random.default_rng((seed, zlib.crc32(self.name.encode())))
-            start = np.datetime64(self.start, "ms")
+            start_s = gps_seconds(self.start, field=f"skies: {self.name}: start")
             found = []
             for latitude, longitude, when in rng.uniform(size=(self.count, 3)):
                 place = (float(np.degrees(np.arcsin(2.0 * latitude - 1.0))), 360.0 * float(longitude) - 180.0, 0.0)
-                time = str(start + np.timedelta64(round(1e3 * self.duration_s * float(when)), "ms"))
+                time = gps_dates([start_s + np.floor(self.duration_s * when)])[0].isoformat()
                 found.append(simulate(site=place, start=time, epochs=1, **common)[0])
         return [g for g in found if int(g.satellite_count) > int(g.unknown_count)]
 
@@ -80,11 +84,20 @@ class FrontierExperiment(ByOneLevel):
     skies: Annotated[tuple[Sky, ...], Field(min_length=1)]
     budget: dict[str, Any] = Field(default_factory=dict)
     draws: int = Field(default=4096, ge=1024)
-    sizes_m: tuple[float, ...] = (5.0, 10.0, 20.0, 50.0, 100.0)
-    limits_m: tuple[float, ...] = (20.0, 15.0, 10.0)
-    sigma_factors: tuple[float, ...] = (1.1, 1.25, 1.5)
-    biases_m: tuple[float, ...] = (0.25, 0.75)
+    sizes_m: Annotated[tuple[_Positive, ...], Field(min_length=1)] = (5.0, 10.0, 20.0, 50.0, 100.0)
+    limits_m: tuple[_Positive, ...] = (20.0, 15.0, 10.0)
+    sigma_factors: tuple[_Positive, ...] = (1.1, 1.25, 1.5)
+    biases_m: tuple[_Positive, ...] = (0.25, 0.75)
     independent: int = Field(default=25, ge=1)
+
+    @field_validator("skies")
+    @classmethod
+    def _names_once(cls, skies: tuple[Sky, ...]) -> tuple[Sky, ...]:
+        names = [sky.name for sky in skies]
+        twice = [name for name in names if names.count(name) > 1]
+        if twice:
+            raise PydanticCustomError("twice", "two skies are called {name}", {"name": twice[0]})
+        return skies
 
     def risk_budget(self) -> RiskBudget:
         """The budget, checked."""

@@ -7,6 +7,7 @@ budget leaves them; one whose level does not is taken as it is, and what its lev
 from __future__ import annotations
 
 import math
+import zlib
 from collections.abc import Iterator
 from dataclasses import replace
 from functools import partial
@@ -20,7 +21,7 @@ from pl_mc.geometry import Geometry
 from pl_mc.input_errors import InputError, require_choice
 from pl_mc.integrity_risk.given_residuals import RiskBudget
 from pl_mc.integrity_risk.given_residuals.contributions import LevelRisk, z_of
-from pl_mc.methods import Method
+from pl_mc.methods import Ls, Method
 from pl_mc.methods.capabilities import scales_with_k, with_k
 from pl_mc.report.findings import Findings, Table
 from pl_mc.runtime.progress import with_progress
@@ -54,7 +55,10 @@ def run(experiment: FrontierExperiment, execution: Execution) -> Findings:
 
     def one(item: tuple[Sky, int, Geometry, Method]) -> dict[str, Any]:
         sky, place, g, method = item
-        found = at_geometry(g, method, budget, judged.axis, limit_m, experiment, stressed=place < sky.stressed)
+        seed = (experiment.seed, zlib.crc32(sky.name.encode()), place)
+        found = at_geometry(
+            g, method, budget, judged.axis, limit_m, experiment, seed=seed, stressed=place < sky.stressed
+        )
         key = {"sky": sky.name, "method": method.name}
         parts = {name: [key | part for part in found.pop(name)] for name in ("curve", "stress")}
         return {"sky": sky.name, "geometry": place, "method": method.name} | found | parts
@@ -62,7 +66,8 @@ def run(experiment: FrontierExperiment, execution: Execution) -> Findings:
     results = in_order(one, items, cores())
     found = [row for _, row in with_progress(results, total=len(items), what="Frontier", show=execution.progress)]
     levels = pd.DataFrame([{"sky": row["sky"], "method": row["method"], "levels": row.pop("levels")} for row in found])
-    curve = pd.DataFrame([part for row in found for part in row.pop("curve")])
+    columns = ["sky", "method", "factor", "level_m", "risk"]
+    curve = pd.DataFrame([part for row in found for part in row.pop("curve")], columns=columns)
     stress = pd.DataFrame([part for row in found for part in row.pop("stress")])
     geometries = pd.DataFrame(found)
     frontier = over_skies(geometries, levels, experiment, limit_m)
@@ -91,21 +96,21 @@ def run(experiment: FrontierExperiment, execution: Execution) -> Findings:
 
 def at_geometry(
     g: Geometry, method: Method, budget: RiskBudget, axis: str, limit_m: float, experiment: FrontierExperiment, *,
-    stressed: bool,
+    seed: tuple[int, ...], stressed: bool,
 ) -> dict[str, Any]:  # fmt: skip
     """Multiplier, risk, level and alarms of one method at one geometry."""
     scaled = scales_with_k(method) is not None
     unit = with_k(method, 1.0, axis) if scaled else method
-    options: dict[str, Any] = {"draws": experiment.draws, "seed": experiment.seed}
+    options: dict[str, Any] = {"draws": experiment.draws, "seed": seed}
     risk = LevelRisk(g, unit, budget, axis, **options)
-    allowed = budget.on(axis) * (1.0 - risk.shares.lost / budget.p_hmi)
+    allowed = risk.allowed(budget.on(axis), budget.p_hmi)
     if scaled:
         found, low, high = risk.multiplier(allowed, z_of(_CONFIDENCE))
     else:
         found, low, high = risk.at(1.0), math.nan, math.nan
     head = {"satellites": len(g.names), "dof": risk.parts.dof, "allowed": allowed}
     empty: dict[str, Any] = {"levels": np.full(_LEVELS, np.inf), "curve": [], "stress": []}
-    if found is None:
+    if found is None or not risk.free.silent.any():
         nothing = dict.fromkeys(_NUMBERS, math.nan) | {"k": math.inf, "k_low": math.inf, "k_high": math.inf}
         rates = {"alarm_rate": 1.0, "discontinuity": 1.0, "level_m": math.inf}
         rates |= {f"alarm_rate_{size:g}m": 1.0 for size in experiment.sizes_m}
@@ -113,7 +118,7 @@ def at_geometry(
     k, free = found.k, risk.free
     plain = np.s_[0, : risk.plain]
     level = np.where(free.silent[plain], k * free.level_m[plain], np.inf)
-    alarm_rate = float(free.alarms(k, limit_m)[plain].mean())
+    alarm_rate = float(free.weight @ free.alarms(k, limit_m)[0] / free.weight.sum())
     faulty = risk.alarm_rates(k, limit_m, np.array(experiment.sizes_m), _ALARM_DRAWS)[:, : len(g.names)]
     discontinuity = experiment.independent * alarm_rate + float(risk.shares.single @ faulty.max(axis=0))
     reach = z_of(_CONFIDENCE) * found.error
@@ -123,7 +128,7 @@ def at_geometry(
         at = risk.at(k * factor, faults_m)
         finite = free.level_m[plain][free.silent[plain]]
         curve.append({"factor": factor, "level_m": float(k * factor * finite.mean()), "risk": at.analysed})
-    stress = _stressed(g, unit, budget, axis, experiment, k, found.analysed) if stressed else []
+    stress = _stressed(g, unit, budget, axis, experiment, k, found.analysed, options) if stressed else []
     name = f"{g.names[found.worst]}:{found.worst_bias_m:+.4g}m" if found.worst >= 0 else ""
     return (
         head
@@ -153,10 +158,16 @@ _NUMBERS = (
 
 
 def _stressed(
-    g: Geometry, unit: Method, budget: RiskBudget, axis: str, experiment: FrontierExperiment, k: float, assumed: float
+    g: Geometry,
+    unit: Method,
+    budget: RiskBudget,
+    axis: str,
+    experiment: FrontierExperiment,
+    k: float,
+    assumed: float,
+    options: dict[str, Any],
 ) -> list[dict[str, Any]]:
     """The risk at the same multiplier where sigma or nominal biases are not what they were taken for."""
-    options: dict[str, Any] = {"draws": experiment.draws, "seed": experiment.seed}
     rows = []
     for factor in experiment.sigma_factors:
         risk = LevelRisk(g, unit, budget, axis, sigma_factor=factor, **options).at(k).analysed
@@ -166,7 +177,8 @@ def _stressed(
         risk = LevelRisk(g, unit, biased, axis, **options).at(k).analysed
         rows.append((f"nominal biases of {bias_m:g} m more", risk))
     return [
-        {"assumption": what, "risk": risk, "risk_as_assumed": assumed, "times": risk / assumed} for what, risk in rows
+        {"assumption": what, "risk": risk, "risk_as_assumed": assumed, "times": risk / assumed if assumed else math.nan}
+        for what, risk in rows
     ]
 
 
@@ -178,7 +190,8 @@ def over_skies(
     for (sky, method), part in geometries.groupby(["sky", "method"], sort=False):
         drawn = np.concatenate(levels[(levels.sky == sky) & (levels.method == method)].levels.to_list())
         row: dict[str, Any] = {"sky": sky, "method": method, "geometries": len(part)}
-        row |= {"k_50": part.k.median(), "k_99": part.k.quantile(0.99, interpolation="higher")}
+        row |= {"k_50": part.k.median(), "k_50_low": part.k_low.median(), "k_50_high": part.k_high.median()}
+        row |= {"k_99": part.k.quantile(0.99, interpolation="higher")}
         row |= {"level_mean_m": part.level_m.mean()}
         row |= {f"level_{q}_m": float(np.quantile(drawn, q / 100.0, method="higher")) for q in (95, 99)}
         row |= {name: part[name].mean() for name in ("alarm_rate", *_of_sizes(experiment), "discontinuity")}
@@ -218,7 +231,7 @@ def one_number(geometries: pd.DataFrame) -> pd.DataFrame:
                 "share_kept": (1.0 - _CONFIDENCE) ** (1.0 / len(part)),
                 "k_of_even": chosen,
                 "odd": len(odd),
-                "odd_beyond": int((odd.k_low > chosen).sum()),
+                "odd_beyond": int((odd.k_high > chosen).sum()),
             }
         )
     return pd.DataFrame(rows)
@@ -241,21 +254,29 @@ def checks(experiment: FrontierExperiment, g: Geometry | None) -> Iterator[Check
     yield "budget", experiment.risk_budget
     names = [one.name for one in experiment.method_records()]
     for sky in experiment.skies:
-        yield "skies", partial(_built, sky)
+        yield "skies", partial(_built, sky, experiment)
         for name in sky.methods:
             yield "skies", partial(require_choice, name, names, field=f"skies: {sky.name}: methods")
 
 
-def _built(sky: Sky) -> None:
-    """Whether one geometry of a sky can be made."""
-    if not sky.model_copy(update={"count": 1}).geometries(0):
+def _built(sky: Sky, experiment: FrontierExperiment) -> None:
+    """Whether one geometry of a sky can be made, and what the budget leaves it."""
+    found = sky.model_copy(update={"count": 1}).geometries(0)
+    if not found:
         raise InputError(f"skies: {sky.name}: its first geometry has no more satellites than unknowns.")
+    try:
+        budget, axis = experiment.risk_budget(), experiment.level_axis
+    except InputError:
+        # Told of as such.
+        return
+    LevelRisk(found[0], Ls(), budget, axis, draws=1, seed=0).allowed(budget.on(axis), budget.p_hmi)
 
 
 def _notes(geometries: pd.DataFrame) -> tuple[str, ...]:
     return (
         "Noise is Gaussian, independent and of the sigma of the model; faults are constant; two faults at a time and "
-        "faults of constellations count as lost with their priors.",
+        "faults of constellations count as lost with their priors. Alarms under faults are counted in 256 draws a "
+        "satellite, those without a fault in weighted draws.",
         f"Draws of estimates whose last iteration still moved by more than 1 cm: at most "
         f"{geometries.unconverged_rate.max():.2g} of a geometry without a fault.",
     )

@@ -49,22 +49,27 @@ def summary(
             f"mask, error model {sky.error_model}.",
             TextTable.of(
                 [
-                    "method", "K (median, 99 %)", "mean level, 95 %, 99 % [m]", f"alarms fault-free, {limit_m:g} m",
+                    "method", "K (median with bounds, 99 %)", "mean level, 95 %, 99 % [m]",
+                    f"alarms fault-free, {limit_m:g} m",
                     *(f"alarms at {size:g} m" for size in experiment.sizes_m), "discontinuity",
                     *(f"level within {limit:g} m" for limit in experiment.limits_m), "risk (mean)", "budget kept",
                 ],
                 [_row(row, experiment) for row in rows.to_dict("records")],
             ),
         ]  # fmt: skip
+    # A grid of epochs is no random sample.
+    random = [sky.name for sky in experiment.skies if sky.site == WORLD]
     if len(multipliers):
         blocks += [
-            "One multiplier for a receiver: the largest upper bound of all geometries, and the share of further ones "
-            "that it serves with 95 % confidence; chosen from every other geometry, how many of the rest need more.",
+            "One multiplier for a receiver: the largest upper bound of all geometries, and the share of further random "
+            "ones whose own bound is no larger, with 95 % confidence; chosen from every other geometry, of how many of "
+            "the rest the upper bound is beyond it.",
             TextTable.of(
                 ["sky", "method", "K", "geometries", "share served", "K of half", "of the rest beyond it"],
                 [
-                    [row.sky, row.method, number(row.k), f"{row.geometries}", f"{percent(row.share_kept)} %",
-                     number(row.k_of_even), f"{row.odd_beyond} of {row.odd}"]
+                    [row.sky, row.method, number(row.k), f"{row.geometries}",
+                     f"{percent(row.share_kept)} %" if row.sky in random else "-", number(row.k_of_even),
+                     f"{row.odd_beyond} of {row.odd}"]
                     for row in multipliers.itertuples()
                 ],
             ),
@@ -92,7 +97,8 @@ def _prior(given: float | Mapping[str, float]) -> str:
 
 def _row(row: dict[str, Any], experiment: FrontierExperiment) -> list[str]:
     levels = ", ".join(number(row[name]) for name in ("level_mean_m", "level_95_m", "level_99_m"))
-    k = "own" if np.isnan(row["k_50"]) else f"{number(row['k_50'])}, {number(row['k_99'])}"
+    median = f"{number(row['k_50'])} [{number(row['k_50_low'])}, {number(row['k_50_high'])}]"
+    k = "own" if np.isnan(row["k_50"]) else f"{median}, {number(row['k_99'])}"
     return [
         row["method"], k, levels, f"{percent(row['alarm_rate'])} %",
         *(f"{percent(row[f'alarm_rate_{size:g}m'])} %" for size in experiment.sizes_m),
