@@ -133,11 +133,11 @@ def test_the_cost_counts_scenarios_and_says_how_time_was_found(capsys: pytest.Ca
 
 
 def test_sweeps_with_methods_of_their_own_are_counted_by_them() -> None:
-    # 21 faults: 20,000 draws of 21 methods at four epochs, 100,000 draws of 9 tests at one and of 7 at three; and
+    # 21 faults: 20,000 draws of 23 methods at four epochs, 100,000 draws of 9 tests at one and of 7 at three; and
     # 48 epochs with 2,000 draws of the methods and 5,000 of the 7 tests.
     cost = cost_of(load_experiment("compare-methods")[1])
-    epochs = 4 * 20_000 * 21 + 100_000 * 9 + 3 * 100_000 * 7
-    assert cost.scenarios == 21 * (epochs + 48 * (2_000 * 21 + 5_000 * 7))
+    epochs = 4 * 20_000 * 23 + 100_000 * 9 + 3 * 100_000 * 7
+    assert cost.scenarios == 21 * (epochs + 48 * (2_000 * 23 + 5_000 * 7))
 
 
 def test_a_service_volume_costs_one_draw_of_a_method_whose_levels_are_of_the_geometry() -> None:

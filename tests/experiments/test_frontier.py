@@ -65,9 +65,11 @@ def test_wrong_assumptions_cost_risk(found) -> None:
 
 def test_the_answer_names_the_smallest_level(found) -> None:
     experiment = FrontierExperiment.model_validate(FEW)
-    (sentence,) = STUDY.answer(found.data, experiment)
+    smallest, silent, judged = STUDY.answer(found.data, experiment)
     best = found.data["frontier"].iloc[0]
-    assert f"{best.method}, {best.level_mean_m:.3g} m" in sentence
+    assert f"{best.method} with {best.level_mean_m:.3g} m (a day; alarms in 100 % of draws with 100 m" in smallest
+    assert "separated(estimate=midrange,p_const=0) with" in silent
+    assert "1 sky of 2 geometries" in judged
     assert {picture.name for picture in found.pictures} == {"frontier", "multipliers"}
 
 
@@ -138,4 +140,4 @@ def test_a_method_without_a_solution_keeps_nothing() -> None:
     experiment = FrontierExperiment.model_validate(lone)
     found = STUDY.found(experiment, Execution(progress=False))
     assert found.data["frontier"].kept.tolist() == [0]
-    assert STUDY.answer(found.data, experiment) == ("gps: no method keeps the budget at every geometry.",)
+    assert STUDY.answer(found.data, experiment)[0].endswith("at every geometry: none; none at gps.")

@@ -55,8 +55,8 @@ def _rows(g: pl_mc.Geometry) -> dict[str, Any]:
 
 
 # Functions that compile for long; the tests leave them to the study.
-HEAVY = ("tune", "service_volume", "time_to_alert", "exposure", "calibrate", "risk", "risk_budget", "detect", "examine",
-         "solve", "sample", "sweep")  # fmt: skip
+HEAVY = ("tune", "service_volume", "time_to_alert", "exposure", "calibrate", "risk", "risk_budget", "level_risk",
+         "detect", "examine", "solve", "sample", "sweep")  # fmt: skip
 # Kernels are pure functions, used inside compiled ones: arrays that may be traced, which nothing can check.
 KERNELS = "pl_mc.kernels."
 # What takes no argument, and readers of files, which have studies of their own; records that functions return are not
@@ -66,6 +66,7 @@ ELSEWHERE = (
     "pl_mc.ism.read_ism",
     "pl_mc.receiver.read_rinex",
     "pl_mc.receiver.read_receiver_series",
+    "pl_mc.noise_models.Empirical",
 )
 
 
@@ -162,6 +163,8 @@ def calls() -> Mapping[str, Call]:
                              "p_fa": 1e-3, "refine": 1} | rare,
         "pl_mc.risk_budget": {"g": g, "axis": "vertical", "event": "missed", "alarm": "pl", "p_fa": 1e-3, "p_sat": 1e-5,
                               "p_const": 1e-4, "bias": "worst", "weights": None} | rare,
+        "pl_mc.level_risk": {"g": g, "method": "ls", "budget": {"p_sat": 1e-5}, "axis": "vertical",
+                             "alert": pl_mc.LPV_200, "confidence": 0.95, "draws": 1024, "seed": 1},
         "pl_mc.calibrate": {"g": g, "axis": "horizontal", "target": 1e-3, "faults": faults, "event": "exceeded",
                             "confidence": 0.95, "pooled": False, "draws": 2000} | rare,
         "pl_mc.tune": {"g": g, "method": "igg3", "target": 0.1, "objective": "vpl", "faults": faults, "draws": 500,
@@ -240,8 +243,10 @@ def _records() -> dict[str, Call]:
     found = {}
     for path, record in documented("class").items():
         fields = dataclasses.fields(record) if dataclasses.is_dataclass(record) else ()
-        options = {field.name: field.default for field in fields}
+        options = {field.name: field.default for field in fields if field.init}
         abstract = getattr(record, "__abstractmethods__", None)
+        if path in ELSEWHERE:
+            continue
         if options and dataclasses.MISSING not in options.values() and not abstract and not path.startswith(KERNELS):
             found[path] = Call(record, options)
     return found

@@ -16,6 +16,7 @@ import pytest
 
 import pl_mc
 from pl_mc.engine.compiling import compiled_count
+from pl_mc.ism import satellite_codes
 from pl_mc.kernels import (
     DanishWeight,
     HampelWeight,
@@ -39,7 +40,7 @@ FAULTS = pl_mc.no_fault(G) + pl_mc.biases(G, {G.names[2]: 30.0})
 
 # What is no number of a method that JAX sees: it decides at which quantile a threshold stands, or which modes are
 # monitored, on the host.
-ON_THE_HOST = {"slope", "range_comparison", "nioraim", "araim"}
+ON_THE_HOST = {"slope", "range_comparison", "nioraim", "araim", "separated", "ibpl"}
 NAMES = sorted(set(METHODS) - ON_THE_HOST)
 
 
@@ -129,7 +130,8 @@ def test_only_numbers_are_leaves() -> None:
     assert any(getattr(of, "exclude", False) for of in methods)
     trees = as_trees(methods)
     assert {type(leaf) for leaf in jax.tree.leaves(trees)} == {float}
-    model = linear_model(G.design, G.sigma_m, G.in_view)
+    codes = satellite_codes(G.as_series(), G.as_series().satellite[0])
+    model = linear_model(G.design, G.sigma_m, G.in_view, satellite=codes)
 
     def levels(trees, observed_m):
         start = start_from(model, observed_m)

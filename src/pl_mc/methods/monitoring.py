@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from abc import ABC, abstractmethod
 from dataclasses import dataclass
 from typing import Any
 
@@ -15,8 +16,8 @@ from pl_mc.araim.modes import CONTAINED, UNMONITORED
 from pl_mc.geometry.record import Geometry
 from pl_mc.input_errors import InputError, require_choice, require_number, require_positive
 from pl_mc.ism import FIELDS, as_ism
-from pl_mc.kernels import LinearModel
-from pl_mc.methods.base import Named
+from pl_mc.kernels import LeastSquaresSolution, LinearModel
+from pl_mc.methods.base import Named, Outcome
 
 # Options that a field of an ISM stands for, of a class that has them.
 _SAID_BY = {"p_sat": "p_sat", "p_const": "p_const", "b_nom_m": "b_nom_m", "accuracy_ratio": "sigma_ure_m"}
@@ -25,7 +26,7 @@ _ROUNDING = 1e-9
 
 
 @dataclass(frozen=True)
-class Monitoring(Named):
+class Monitoring(Named, ABC):
     """Fault modes are single satellites and constellations, which share a clock column, and pairs of them.
 
     Attributes:
@@ -38,6 +39,8 @@ class Monitoring(Named):
             has a sigma_URE the model's sigma has to hold sigma_URA, as that of `pl_mc.error_model` with the same
             ``ism`` does.
     """
+
+    key = ""
 
     p_sat: float = 1e-5
     p_const: float = 1e-4
@@ -85,6 +88,10 @@ class Monitoring(Named):
                     f"sigma in the geometry, {g.sigma_m[k]:.4g} m, which has to hold it (nearest: an error model with "
                     "the same ism)."
                 )
+
+    @abstractmethod
+    def solve(self, model: LinearModel, prepared: Any, start: LeastSquaresSolution) -> Outcome:
+        """As of `pl_mc.methods.Method`."""
 
     @property
     def _priors(self) -> Priors:

@@ -93,6 +93,11 @@ def read_run_folder(folder: Path) -> RunFolder:
     try:
         summary = read_text(_within(folder / SUMMARY)) if (folder / SUMMARY).exists() else ""
         tables = {file.stem: _table(_within(file)) for file in sorted(folder.glob("*.csv"))}
+        # A long table that the run wrote in both forms may have been kept in the shorter one.
+        written = manifest.get("files")
+        for file in sorted(folder.glob("*.parquet")):
+            if isinstance(written, dict) and f"{file.stem}.csv" in written and file.stem not in tables:
+                tables[file.stem] = _table(_within(file))
     except OSError as error:
         raise InputError(f"{folder}: its files cannot be read ({system_reason(error)}).") from None
     figures = {file.stem for ending in ("*.png", "*.svg") for file in folder.glob(ending)}
@@ -205,6 +210,8 @@ def value_text(value: Any) -> str:
 def _table(file: Path) -> pd.DataFrame:
     content = read_bytes(file, most_bytes=_MOST_TABLE_BYTES)
     try:
+        if file.suffix == ".parquet":
+            return pd.read_parquet(io.BytesIO(content))
         # A fault's label "none" is a word, not a missing number.
         return pd.read_csv(io.BytesIO(content), keep_default_na=False, na_values=[""], low_memory=False)
     except (ValueError, OverflowError, pd.errors.ParserError) as error:

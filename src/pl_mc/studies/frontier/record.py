@@ -31,6 +31,10 @@ class Sky(Strict):
         count: number of geometries.
         stressed: how many of them are looked at under wrong assumptions too.
         methods: names of the methods that are looked at, as tables have them; all unless given.
+        start, duration_s: GPS time from which epochs are taken, and over how long [s].
+        mask_deg: elevation mask [deg].
+        constellations: nominal constellations, as of `pl_mc.simulate`.
+        error_model, error_options: the error model, and its options.
     """
 
     name: str

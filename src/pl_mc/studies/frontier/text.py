@@ -109,22 +109,31 @@ def _row(row: dict[str, Any], experiment: FrontierExperiment) -> list[str]:
 
 
 def answer(tables: Mapping[str, pd.DataFrame], experiment: FrontierExperiment) -> tuple[str, ...]:
-    """Who has the smallest level at each sky, where ARAIM is, and who fails the budget."""
-    table = tables["frontier"]
-    sentences = []
+    """Who has the smallest level at each sky, with its alarms under the largest fault, and who has no alarm there."""
+    table, size = tables["frontier"], experiment.sizes_m[-1]
+    alarms = f"alarm_rate_{size:g}m"
+    smallest, silent, none = [], [], []
     for sky, rows in table.groupby("sky", sort=False):
         kept = rows[rows.kept == rows.geometries]
         if kept.empty:
-            sentences.append(f"{sky}: no method keeps the budget at every geometry.")
+            none.append(str(sky))
             continue
-        best = kept.iloc[0]
-        words = f"{sky}: the smallest mean level that keeps the budget everywhere is that of {best.method}, "
-        words += f"{best.level_mean_m:.3g} m"
-        araim = kept[kept.method.str.startswith("araim")]
+        best, araim = kept.iloc[0], kept[kept.method.str.startswith("araim")]
+        against = ""
         if len(araim) and araim.index[0] != best.name:
-            share = best.level_mean_m / araim.iloc[0].level_mean_m
-            words += f", {share:.2f} of ARAIM's {araim.iloc[0].level_mean_m:.3g} m"
-        size = experiment.sizes_m[-1]
-        words += f"; under {size:g} m on one satellite it alarms in {percent(best[f'alarm_rate_{size:g}m'])} % of draws"
-        sentences.append(words + ".")
-    return tuple(sentences)
+            least = float(araim.level_mean_m.iloc[0])
+            against = f", {best.level_mean_m / least:.2f} of ARAIM's {least:.3g} m"
+        alarmed = f"alarms in {percent(best[alarms])} % of draws with {size:g} m on a satellite"
+        smallest.append(f"{best.method} with {best.level_mean_m:.3g} m{against} ({sky}; {alarmed})")
+        for row in kept[kept[alarms] == 0.0].head(1).to_dict("records"):
+            silent.append(f"{row['method']} with {row['level_mean_m']:.3g} m ({sky})")
+    nobody = f"; none at {', '.join(none)}" if none else ""
+    skies, counts = len(experiment.skies), ", ".join(f"{sky.count}" for sky in experiment.skies)
+    return (
+        f"The smallest mean level that keeps the budget at every geometry: {'; '.join(smallest) or 'none'}{nobody}.",
+        f"The smallest of those without an alarm under {size:g} m on one satellite, in 256 draws of each satellite: "
+        f"{'; '.join(silent) or 'none'}.",
+        f"Judged at {skies} {'sky' if skies == 1 else 'skies'} of {counts} geometries, each method with a multiplier "
+        f"at the one that takes the risk of {experiment.risk_budget().on(experiment.level_axis):g} less its share of "
+        "what is lost.",
+    )

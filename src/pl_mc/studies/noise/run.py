@@ -319,7 +319,7 @@ def summary(experiment: NoiseExperiment, g: Geometry, tables: Mapping[str, pd.Da
 
 def answer(tables: Mapping[str, pd.DataFrame], experiment: NoiseExperiment) -> tuple[str, ...]:
     """Each event under Gaussian noise and under the model that makes it most frequent."""
-    rates, judged = tables["rates"], experiment.decides
+    rates, judged = tables["rates"], experiment.judged()[0]
     sentences = []
     for event in ANSWERED:
         clauses = []

@@ -68,7 +68,7 @@ def answer(tables: Mapping[str, pd.DataFrame], experiment: ObserveExperiment) ->
         outside.append(f"{label} in {_share(unnoticed, independent_epochs(known, judged))}")
     beyond = " or ".join(errors)
     return (
-        *(f"{error.capitalize()}s: {'; '.join(said)}." for error, said in errors.items()),
+        ". ".join(f"{error.capitalize()}s: {'; '.join(said)}" for error, said in errors.items()) + ".",
         f"Alarms: {'; '.join(alarms)} epochs.",
         f"{beyond.capitalize()} beyond the protection level without alarm: {'; '.join(outside)} epochs; "
         "bounds are those of the independent epochs that these are worth.",
