@@ -37,7 +37,7 @@ _CONFIDENCE = 0.95
 # Multiples of the multiplier at which the curves of the figure stand.
 FACTORS = (0.7, 0.8, 0.9, 1.0, 1.1, 1.25)
 # Scenarios of an estimate, draws aside, and how many a second on two cores.
-_PER_DRAW, _SCENARIOS_PER_S = 110.0, 4e5
+_PER_DRAW, _SCENARIOS_PER_S = 110.0, 1.3e5
 
 
 def run(experiment: FrontierExperiment, execution: Execution) -> Findings:
@@ -244,7 +244,8 @@ def _of_sky(experiment: FrontierExperiment, sky: Sky) -> list[Method]:
 
 def work(experiment: FrontierExperiment) -> Work:
     """Scenarios of all estimates."""
-    looks = sum(sky.count * len(_of_sky(experiment, sky)) for sky in experiment.skies)
+    wrong = len(experiment.sigma_factors) + len(experiment.biases_m)
+    looks = sum((sky.count + wrong * sky.stressed) * len(_of_sky(experiment, sky)) for sky in experiment.skies)
     scenarios = int(looks * experiment.draws * _PER_DRAW)
     return Work(scenarios, scenarios / _SCENARIOS_PER_S)
 
