@@ -16,6 +16,7 @@ from pl_mc.experiments.checking import check_experiment, cost_of, field_lines
 from pl_mc.experiments.field_meanings import meaning, meanings_of
 from pl_mc.experiments.loading import build_experiment, experiment_files, load_experiment
 from pl_mc.experiments.template import template, template_for
+from pl_mc.input_errors import InputError
 from pl_mc.studies.registry import KINDS
 
 WRONG = """kind = "sweep"
@@ -347,3 +348,9 @@ def test_lines_of_fields_are_where_they_are(fields: dict[str, Any], tables: dict
     text = "\n".join(lines)
     assert set(tomllib.loads(text)) == {path.split(".")[0] for path in expected}
     assert field_lines(text) == expected
+
+
+@pytest.mark.parametrize("name", ["frontier", "igg3-tuning", "integrity-risk", "time-ramps"])
+def test_single_precision_is_refused_where_it_would_do_nothing(name: str) -> None:
+    with pytest.raises(InputError, match="precision: this kind computes in double precision alone"):
+        load_experiment(name, {"precision": "float32"})

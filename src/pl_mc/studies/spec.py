@@ -204,11 +204,21 @@ class GivenLimits(Strict):
 class Experiment(Strict):
     """What every experiment file says, whatever its kind."""
 
+    # Whether a kind computes in double precision, whatever the file says.
+    double_alone: ClassVar[bool] = False
+
     title: str
     methods: tuple[MethodChoice, ...] = (MethodChoice(name="ls"), MethodChoice(name="igg3"))
     alert: str | GivenLimits = "LPV-200"
     seed: int = Field(default=20171121, ge=0, le=LARGEST_SEED)
     precision: Literal["float64", "float32"] = "float64"
+
+    @field_validator("precision")
+    @classmethod
+    def _has_an_effect(cls, precision: str) -> str:
+        if cls.double_alone and precision != "float64":
+            raise PydanticCustomError("precision", "this kind computes in double precision alone (float64)")
+        return precision
 
     def method_records(self) -> tuple[Method, ...]:
         """The methods, made records."""

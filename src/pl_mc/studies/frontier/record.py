@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import zlib
-from typing import Annotated, Any, Literal
+from typing import Annotated, Any, ClassVar, Literal
 
 import numpy as np
 from pydantic import Field, field_validator
@@ -83,6 +83,8 @@ class FrontierExperiment(ByOneLevel):
         biases_m: nominal biases that the multiplier did not know of [m].
         independent: independent samples of an approach, by which alarms add up to discontinuity.
     """
+
+    double_alone: ClassVar[bool] = True
 
     kind: Literal["frontier"] = "frontier"
     skies: Annotated[tuple[Sky, ...], Field(min_length=1)]

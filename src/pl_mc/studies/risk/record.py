@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Iterable, Iterator
 from functools import partial
-from typing import Annotated, Any, Literal
+from typing import Annotated, Any, ClassVar, Literal
 
 from pydantic import Field
 
@@ -168,6 +168,8 @@ class RiskExperiment(ByOneLevel):
         budgets: risk budgets over the fault modes.
         calibration: the multiplier that keeps a target.
     """
+
+    double_alone: ClassVar[bool] = True
 
     kind: Literal["risk"] = "risk"
     geometry: SimulatedGeometry

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterator, Mapping, Sequence
-from typing import Annotated, Any, Literal
+from typing import Annotated, Any, ClassVar, Literal
 
 import numpy as np
 import pandas as pd
@@ -64,6 +64,8 @@ class TimeRampsExperiment(ByOneLevel):
         calibration_draws: fault-free passes for the thresholds, and as many to count false alarms.
         p_fa: false-alarm probability of a pass, the same for every method.
     """
+
+    double_alone: ClassVar[bool] = True
 
     kind: Literal["time-ramps"] = "time-ramps"
     geometry: SimulatedGeometry

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
-from typing import Annotated, Literal
+from typing import Annotated, ClassVar, Literal
 
 from pydantic import Field
 
@@ -37,6 +37,8 @@ class TuningExperiment(ByOneLevel):
         worst: how many satellites fail together, 1 or 2 or both: the worst of such faults is sought for all limits
             at the smallest target, with the multipliers that they need for the faults above.
     """
+
+    double_alone: ClassVar[bool] = True
 
     kind: Literal["tuning"] = "tuning"
     geometry: SimulatedGeometry
