@@ -43,6 +43,11 @@ class Execution:
     progress: bool | None = None
     said: list[str] = field(default_factory=list, compare=False)
 
+    @property
+    def threads(self) -> int:
+        """Threads of what is not cut into parts: ``workers``, as many as cores unless given."""
+        return cores() if self.workers is None else self.workers
+
     def __post_init__(self) -> None:
         for name in ("resume", "stored_only"):
             require_truth(getattr(self, name), field=name)

@@ -29,7 +29,7 @@ from pl_mc.report.figures import method_label
 from pl_mc.report.findings import Findings, Table, event_quantities
 from pl_mc.report.text import ANSWERED, event_text, listed, method_key, metres, percent, rate_text
 from pl_mc.runtime.progress import with_progress
-from pl_mc.runtime.threads import cores, in_order
+from pl_mc.runtime.threads import in_order
 from pl_mc.statistics.exact import ls_rates
 from pl_mc.statistics.least_squares import ls_quantities
 from pl_mc.studies.noise.figures import assumed_share, exposure_figure, fault_words, noise_figure
@@ -276,9 +276,8 @@ def _risks(
         table.insert(0, "noise", sweep.noise.name)
         return table
 
-    threads = cores() if execution.workers is None else execution.workers
     # Every case has a function of its own to compile, so that none need run alone.
-    results = in_order(estimate, cases, threads, compiled=True)
+    results = in_order(estimate, cases, execution.threads, compiled=True)
     shown = with_progress(results, total=len(cases), what="Risk", show=execution.progress)
     tables = [table for _, table in shown]
     return pd.concat(tables, ignore_index=True) if tables else pd.DataFrame(columns=["noise", "method", "fault"])

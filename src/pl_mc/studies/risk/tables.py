@@ -22,7 +22,7 @@ from pl_mc.integrity_risk.rare.risk import risk
 from pl_mc.integrity_risk.worst.worst_case import worst_case
 from pl_mc.methods import Ls, Method
 from pl_mc.methods.capabilities import exact_law, k_of
-from pl_mc.runtime.threads import cores, in_order
+from pl_mc.runtime.threads import in_order
 from pl_mc.statistics.exact import LeastSquaresLaw
 from pl_mc.statistics.intervals import clopper_pearson
 from pl_mc.studies.fault_fields import ListedFaults
@@ -48,11 +48,6 @@ class Setting:
     judged: Judged
     seed: int
     execution: Execution
-
-    @property
-    def threads(self) -> int:
-        """Threads for tasks that do not depend on each other."""
-        return cores() if self.execution.workers is None else self.execution.workers
 
     def options(self, effort: CurveChoice | WorstChoice | CalibrationChoice) -> dict[str, Any]:
         """What an estimate is called with, and how much it may take."""
@@ -157,7 +152,7 @@ def pair_table(setting: Setting, choice: WorstChoice) -> pd.DataFrame:
         return table.assign(event=event, evaluations=sum(spent.values())).drop(columns=["epoch", "bias_m"])
 
     tasks = [(method, event) for event in choice.pair_events for method in setting.methods]
-    parts = [table.dropna(axis=1, how="all") for _, table in in_order(run, tasks, setting.threads)]
+    parts = [table.dropna(axis=1, how="all") for _, table in in_order(run, tasks, setting.execution.threads)]
     return _stacked(parts, ["method", "event", "satellites"])
 
 
@@ -232,7 +227,7 @@ def calibration_table(setting: Setting, choice: CalibrationChoice) -> tuple[pd.D
         curves = [pd.DataFrame(curve).iloc[_THINNED].assign(asked=asked) for curve in table.attrs.pop("curves")]
         return table.assign(asked=asked), curves
 
-    results = [result for _, result in in_order(run, tasks, setting.threads)]
+    results = [result for _, result in in_order(run, tasks, setting.execution.threads)]
     table = pd.concat([part for part, _ in results], ignore_index=True)
     largest = table.groupby(["method", "target"])["k_high"].transform("max")
     table = table.assign(decides=table["k_high"] == largest)

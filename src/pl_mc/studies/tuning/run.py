@@ -28,7 +28,7 @@ from pl_mc.methods import Igg3, Ls
 from pl_mc.methods.capabilities import with_k
 from pl_mc.report.findings import Findings, Picture, Table
 from pl_mc.runtime.progress import with_progress
-from pl_mc.runtime.threads import cores, in_order
+from pl_mc.runtime.threads import in_order
 from pl_mc.statistics import ls_quantities
 from pl_mc.studies.fault_fields import ListedFaults
 from pl_mc.studies.study import Work
@@ -65,8 +65,7 @@ def run(experiment: TuningExperiment, execution: Execution) -> Findings:
         return table.drop(columns="axis").assign(method=robust[0].name, target=target, tuned_for=objective)
 
     tasks = [(target, objective) for target in experiment.targets for objective in experiment.aims()]
-    threads = cores() if execution.workers is None else execution.workers
-    results = in_order(tuned, tasks, threads)
+    results = in_order(tuned, tasks, execution.threads)
     parts = [_least_squares(g, record, experiment, faults) for record in plain]
     parts += [part for _, part in with_progress(results, total=len(tasks), what="Tuning", show=execution.progress)]
     whole = pd.concat(parts, ignore_index=True)
