@@ -176,13 +176,7 @@ class Law(ABC):
     k_horizontal: float = K_HORIZONTAL
 
     @abstractmethod
-    def rates(
-        self,
-        g: Geometry,
-        faults: Faults,
-        alert: AlertLimits,
-        axis: Literal["vertical", "horizontal", "either"] = "vertical",
-    ) -> pd.DataFrame:
+    def rates(self, g: Geometry, faults: Faults, alert: AlertLimits, axis: Axis = "vertical") -> pd.DataFrame:
         """The exact rates under each fault, as of `ls_rates`."""
 
 
@@ -190,13 +184,7 @@ class Law(ABC):
 class LeastSquaresLaw(Law):
     """VPL = k_vertical sqrt(V'PV / (n - t)) VDOP, HPL likewise (Zhao et al. 2021, eqs 4, 12, 14, 16)."""
 
-    def rates(
-        self,
-        g: Geometry,
-        faults: Faults,
-        alert: AlertLimits,
-        axis: Literal["vertical", "horizontal", "either"] = "vertical",
-    ) -> pd.DataFrame:
+    def rates(self, g: Geometry, faults: Faults, alert: AlertLimits, axis: Axis = "vertical") -> pd.DataFrame:
         given = {f"k_{one}": getattr(self, f"k_{one}") for one in judged_by(axis)}
         return ls_rates(g, faults, alert=alert, axis=axis, **given)
 
@@ -209,13 +197,7 @@ class AprioriLaw(Law):
     """
 
     @ordinary_arithmetic
-    def rates(
-        self,
-        g: Geometry,
-        faults: Faults,
-        alert: AlertLimits,
-        axis: Literal["vertical", "horizontal", "either"] = "vertical",
-    ) -> pd.DataFrame:
+    def rates(self, g: Geometry, faults: Faults, alert: AlertLimits, axis: Axis = "vertical") -> pd.DataFrame:
         judged = judged_by(as_axis(axis, alert))
         quantities = ls_quantities(g)
         effects = fault_effects(g, faults, quantities)

@@ -69,6 +69,16 @@ class RiskBudget:
         """The target of an axis."""
         return TARGETS[axis] if self.target is None else float(self.target)
 
+    def allowed(self, shares: Shares, axis: str) -> float:
+        """What the target of an axis leaves the analysed modes; an `InputError` where that is nothing."""
+        left = self.on(axis) * (1.0 - shares.lost / self.p_hmi)
+        if left <= 0:
+            raise InputError(
+                f"budget: what is not analysed has a prior of {shares.lost:.3g}, and p_hmi is {self.p_hmi:g}: nothing "
+                "is left (smaller p_sat or p_const, or a larger p_hmi)."
+            )
+        return left
+
     def shared(self, g: Geometry) -> Shares:
         """Priors of the modes of one epoch."""
         satellites, constellations = source_priors(g, self.p_sat, self.p_const)

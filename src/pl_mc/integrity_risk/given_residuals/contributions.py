@@ -16,7 +16,6 @@ from scipy import optimize, stats
 
 from pl_mc.arrays import FloatArray
 from pl_mc.geometry.record import Geometry
-from pl_mc.input_errors import InputError
 from pl_mc.integrity_risk.given_residuals.budget import RiskBudget, Shares
 from pl_mc.integrity_risk.given_residuals.draws import Drawn, EpochParts, draw
 from pl_mc.methods import Method
@@ -44,6 +43,19 @@ _GRID, _FINER, _FREE, _LAST = range(4)
 
 
 @dataclass(frozen=True)
+class WorstFaults:
+    """The worst fault of each satellite that is analysed, and what the method makes of residuals under it.
+
+    Attributes:
+        bias_m: (rows, n), with the nominal biases of all satellites [m].
+        drawn: under each of them, from draws that had no part in the choice.
+    """
+
+    bias_m: FloatArray
+    drawn: Drawn
+
+
+@dataclass(frozen=True)
 class Contributions:
     """Risk of one epoch at one multiplier of the method's own level.
 
@@ -55,6 +67,8 @@ class Contributions:
         worst: place of the satellite with the largest contribution; -1 without any.
         worst_bias_m: its fault [m]; infinite at the end of the search.
         worst_fault_m: (n,), the same with the nominal biases of all satellites [m].
+        nominal_m: (n,), the nominal biases of the fault-free case [m].
+        faults: the faults of all satellites.
         worst_probability, worst_error: P(event) under it and its standard error.
         unsettled: largest share of draws whose last iteration still moved by more than 1 cm.
     """
@@ -69,6 +83,8 @@ class Contributions:
     worst: int
     worst_bias_m: float
     worst_fault_m: FloatArray
+    nominal_m: FloatArray
+    faults: WorstFaults
     worst_probability: float
     worst_error: float
     unsettled: float
@@ -94,6 +110,9 @@ class LevelRisk:
         draws: of the last estimate of every satellite; the fault-free case has four times as many.
         seed: of the noise, which all methods share; several whole numbers tell geometries apart.
         sigma_factor: the true sigma over that of the model, which method and level go by.
+
+    Raises:
+        InputError: a budget of which nothing is left.
     """
 
     def __init__(
@@ -104,7 +123,7 @@ class LevelRisk:
         axis: str,
         *,
         draws: int = DRAWS,
-        seed: int = 0,
+        seed: int | tuple[int, ...] = 0,
         sigma_factor: float = 1.0,
     ) -> None:
         nominal = EpochParts.of(g, axis)
@@ -113,13 +132,13 @@ class LevelRisk:
         self.sigma_factor = sigma_factor
         self.parts, self.method, self.draws, self.seed = parts, method, draws, seed
         self.shares: Shares = budget.shared(g)
+        self.allowed = budget.allowed(self.shares, axis)
         self.nominal_m = self._nominal(budget.b_nom_m)
         prior = np.zeros(parts.in_view.size)
         prior[: len(g.names)] = self.shares.single
         self.prior = prior
         self.rows = np.flatnonzero(parts.checked & (prior > 0))
-        # A fault that no residual shows is never found.
-        # The only satellite of a clock moves that clock and nothing else.
+        # A fault that no residual shows is never found; the only satellite of a clock moves that clock alone.
         moves = np.abs(parts.gain_m).max(axis=0) > _NO_EFFECT * np.sqrt(np.diag(parts.covariance_m2).max())
         self.unchecked = float(prior[~parts.checked & moves].sum())
         self.free = self._fault_free()
@@ -168,10 +187,13 @@ class LevelRisk:
                 found.append(bias)
         return np.concatenate(found)
 
-    def worst_sizes(self, k: float) -> FloatArray:
-        """(rows, n), the fault of each satellite that is likeliest to exceed k times the level [m]."""
-        if not len(self.rows):
-            return self.grid_m
+    def worst_faults(self, k: float) -> WorstFaults:
+        """The fault of each satellite that is likeliest to exceed k times the level."""
+        bias_m = self._worst_sizes(k) if len(self.rows) else self.grid_m
+        return WorstFaults(bias_m, self._drawn(bias_m, self.draws, _LAST))
+
+    def _worst_sizes(self, k: float) -> FloatArray:
+        """(rows, n) [m]."""
         height = self.grid.beyond(k, self.parts).mean(axis=1).reshape(len(self.rows), -1)
         best = height.argmax(axis=1)
         steps = _ROOTS.size
@@ -187,15 +209,13 @@ class LevelRisk:
         height = drawn.beyond(k, self.parts).mean(axis=1).reshape(len(self.rows), _BETWEEN)
         return sizes.reshape(len(self.rows), _BETWEEN, -1)[np.arange(len(self.rows)), height.argmax(axis=1)]
 
-    def at(self, k: float, faults_m: FloatArray | None = None, last: Drawn | None = None) -> Contributions:
+    def at(self, k: float, faults: WorstFaults | None = None) -> Contributions:
         """The contributions at a multiplier, under faults that were found for it or for one near it."""
-        faults_m = self.worst_sizes(k) if faults_m is None else faults_m
-        self.faults_m = faults_m
-        last = self._drawn(faults_m, self.draws, _LAST) if last is None else last
+        faults = self.worst_faults(k) if faults is None else faults
         free = self.free.beyond(k, self.parts)
         means = free.mean(axis=1)
         at = int(means.argmax())
-        chance = last.beyond(k, self.parts)
+        chance = faults.drawn.beyond(k, self.parts)
         prior = self.prior[self.rows]
         # The sum of each draw: its scatter is that of the whole.
         sums = prior @ chance
@@ -211,11 +231,13 @@ class LevelRisk:
             pairs=self.shares.pairs,
             other=self.shares.other,
             worst=row,
-            worst_bias_m=self._told(faults_m[worst], row) if worst >= 0 else math.nan,
-            worst_fault_m=faults_m[worst] if worst >= 0 else np.zeros(self.prior.size),
+            worst_bias_m=self._told(faults.bias_m[worst], row) if worst >= 0 else math.nan,
+            worst_fault_m=faults.bias_m[worst] if worst >= 0 else np.zeros(self.prior.size),
+            nominal_m=self.nominal_m[at],
+            faults=faults,
             worst_probability=float(chance[worst].mean()) if worst >= 0 else 0.0,
             worst_error=float(chance[worst].std(ddof=1)) / count if worst >= 0 else 0.0,
-            unsettled=max(float(one.unsettled.mean()) for one in (self.free, last) if one.unsettled.size),
+            unsettled=max(float(one.unsettled.mean()) for one in (self.free, faults.drawn) if one.unsettled.size),
         )
 
     def _told(self, fault_m: FloatArray, row: int) -> float:
@@ -224,15 +246,9 @@ class LevelRisk:
         root = abs(size) * math.sqrt(self.parts.redundancy[row]) / self.parts.sigma_m[row]
         return math.copysign(math.inf, size) if root > 0.5 * _ROOTS[-1] else size
 
-    def allowed(self, target: float, p_hmi: float) -> float:
-        """What a target leaves the analysed modes; an `InputError` where that is nothing."""
-        left = target * (1.0 - self.shares.lost / p_hmi)
-        if left <= 0:
-            raise InputError(
-                f"budget: what is not analysed has a prior of {self.shares.lost:.3g}, and p_hmi is {p_hmi:g}: nothing "
-                "is left (smaller p_sat or p_const, or a larger p_hmi)."
-            )
-        return left
+    def alarm_rate(self, k: float, limit_m: float) -> float:
+        """Share of alarms without a fault at k times the level, by the weights of the draws."""
+        return float(self.free.weight @ self.free.alarms(k, limit_m)[0] / self.free.weight.sum())
 
     def alarm_rates(self, k: float, limit_m: float, sizes_m: FloatArray, draws: int) -> FloatArray:
         """(sizes, n), share of draws that alarm at k times the level under each size on each satellite [m]."""
@@ -242,29 +258,28 @@ class LevelRisk:
         alarms = self._drawn(bias.reshape(-1, n), draws, _LAST).alarms(k, limit_m)
         return alarms.mean(axis=1).reshape(len(sizes_m), n)
 
-    def multiplier(self, allowed: float, z: float) -> tuple[Contributions | None, float, float]:
-        """Where the analysed modes take what is allowed, with bounds at ``z`` standard errors; None where none does.
+    def multiplier(self, z: float) -> tuple[Contributions | None, float, float]:
+        """Where the analysed modes take what the budget leaves, with bounds at ``z`` standard errors; None for nowhere.
 
         The worst sizes are those of a multiplier that is at most half a per cent from it, or ``settled`` is False.
         """
         # Faults only add to it.
         self.settled = False
         k = alone = _root(
-            lambda k: self.shares.fault_free * self.free.beyond(k, self.parts).mean(axis=1).max(), allowed
+            lambda k: self.shares.fault_free * self.free.beyond(k, self.parts).mean(axis=1).max(), self.allowed
         )
         found = None
         for _ in range(_ROUNDS):
             if not math.isfinite(k):
                 return None, math.inf, math.inf
-            faults_m = self.worst_sizes(max(k, _LEAST_K))
-            last = self._drawn(faults_m, self.draws, _LAST)
+            faults = self.worst_faults(max(k, _LEAST_K))
 
-            def analysed(k: float, faults_m: FloatArray = faults_m, last: Drawn = last) -> float:
-                return self.at(k, faults_m, last).analysed
+            def analysed(k: float, faults: WorstFaults = faults) -> float:
+                return self.at(k, faults).analysed
 
-            before, k = k, _root(analysed, allowed)
+            before, k = k, _root(analysed, self.allowed)
             if math.isfinite(k):
-                found = self.at(max(k, _LEAST_K), faults_m, last)
+                found = self.at(max(k, _LEAST_K), faults)
                 self.settled = abs(k - before) <= _CLOSE * before
                 if self.settled:
                     break

@@ -66,7 +66,7 @@ def level_risk(
         risk = LevelRisk(series[k], chosen, budget, level, draws=draws, seed=seed)
         rows.append(
             {"epoch": int(series.epoch[k]), "method": chosen.name, "axis": level}
-            | columns(series[k], risk, risk.at(1.0), budget.on(level), budget.p_hmi, confidence)
+            | columns(series[k], risk, risk.at(1.0), confidence)
             | level_columns(risk, 1.0, alert.limit_m[level])
         )
     return pd.DataFrame(rows)
@@ -95,11 +95,8 @@ def epochs_to_judge(g: Geometry, method: Method) -> list[int]:
     return [int(k) for k in found]
 
 
-def columns(
-    g: Geometry, risk: LevelRisk, found: Contributions, target: float, p_hmi: float, confidence: float
-) -> dict[str, Any]:
+def columns(g: Geometry, risk: LevelRisk, found: Contributions, confidence: float) -> dict[str, Any]:
     """What `level_risk` says of the contributions at one multiplier."""
-    allowed = risk.allowed(target, p_hmi)
     reach = z_of(confidence) * found.error
     worst = f"{g.names[found.worst]}:{found.worst_bias_m:+.4g}m" if found.worst >= 0 else ""
     return {
@@ -110,8 +107,8 @@ def columns(
         "risk": found.analysed,
         "risk_low": max(found.analysed - reach, 0.0),
         "risk_high": found.analysed + reach,
-        "allowed": allowed,
-        "kept": bool(found.analysed + reach <= allowed and risk.free.silent.any()),
+        "allowed": risk.allowed,
+        "kept": bool(found.analysed + reach <= risk.allowed and risk.free.silent.any()),
         "worst_fault": worst,
         "worst_probability": found.worst_probability,
     }
@@ -124,7 +121,7 @@ def level_columns(risk: LevelRisk, k: float, limit_m: float) -> dict[str, float]
     level = k * free.level_m[0]
     known = free.silent[0] & np.isfinite(level)
     return {
-        "alarm_rate": float(weight @ free.alarms(k, limit_m)[0]),
+        "alarm_rate": risk.alarm_rate(k, limit_m),
         "level_m": float(weight[known] @ level[known] / weight[known].sum()) if known.any() else np.inf,
         "unconverged_rate": float(free.unsettled.mean()),
     }

@@ -29,9 +29,6 @@ _START_SHARE = 0.3
 _DISAGREEMENT_Z = 3.3
 _NO_LIMITS = AlertLimits("none", vertical_m=NO_LIMIT.val_m, horizontal_m=NO_LIMIT.val_m)
 
-# Arguments of `calibrate` that a budget takes the place of, or that say how curves are found.
-OF_TARGETS = ("target", "faults", "event", "pooled", "estimator")
-
 
 def calibrate_budget(
     g: Geometry, method: Method, budget: RiskBudget, axis: str, limit_m: float, *, confidence: float, draws: int,
@@ -44,8 +41,7 @@ def calibrate_budget(
     for place in epochs_to_judge(g, method):
         one = series[place]
         risk = LevelRisk(one, with_k(method, 1.0, axis), budget, axis, draws=draws, seed=seed)
-        allowed = risk.allowed(budget.on(axis), budget.p_hmi)
-        found, low, high = risk.multiplier(allowed, z_of(confidence))
+        found, low, high = risk.multiplier(z_of(confidence))
         before = k_of(method, axis)
         head = {"epoch": int(one.epoch), "method": method.name, "axis": axis, "target": budget.on(axis)}
         warning = ""
@@ -66,9 +62,9 @@ def calibrate_budget(
             head
             | {f"k_{axis}": k if trusted else math.nan, "k_low": low if trusted else 0.0}
             | {"k_high": high if trusted else math.inf, "inflation": high / before if trusted else math.inf}
-            | columns(one, risk, found, budget.on(axis), budget.p_hmi, confidence)
+            | columns(one, risk, found, confidence)
             | {
-                "alarm_rate_before": level_columns(risk, before, limit_m)["alarm_rate"],
+                "alarm_rate_before": risk.alarm_rate(before, limit_m),
                 "alarm_rate_after": after["alarm_rate"],
                 "level_m": after["level_m"],
                 "unconverged_rate": float(risk.free.unsettled.mean()),
@@ -95,9 +91,7 @@ def _checks(
     rng = np.random.default_rng((seed, int(g.epoch), 7))
     series = g.as_series()
     values: list[float] = []
-    # The nominal biases whose fault-free risk was reported.
-    nominal = risk.nominal_m[int(risk.free.beyond(found.k, risk.parts).mean(axis=1).argmax())][:n]
-    state = RatioState.of(series, 0, nominal, unit, MISLEADING, _NO_LIMITS, axis=axis)
+    state = RatioState.of(series, 0, found.nominal_m[:n], unit, MISLEADING, _NO_LIMITS, axis=axis)
     known, spent = starting_points(state.at(found.k), rng, int(_START_SHARE * most_evaluations))
     run = importance_sampling(
         state.at(found.k), rng, target_cov=target_cov, most_evaluations=most_evaluations - spent, known=known
@@ -131,6 +125,6 @@ def _checks(
 
 def require_only_budget(given: dict[str, Any], usual: dict[str, Any]) -> None:
     """Raise `InputError` for an argument that a budget leaves without effect."""
-    for name in OF_TARGETS:
-        if given[name] is not None and given[name] != usual.get(name):
+    for name, value in given.items():
+        if value is not None and value != usual.get(name):
             raise InputError(f"{name}: a budget says the target, the faults and the event; leave one of the two out.")

@@ -21,11 +21,12 @@ from pl_mc.geometry import Geometry
 from pl_mc.input_errors import InputError, require_choice
 from pl_mc.integrity_risk.given_residuals import RiskBudget
 from pl_mc.integrity_risk.given_residuals.contributions import LevelRisk, z_of
-from pl_mc.methods import Ls, Method
+from pl_mc.integrity_risk.given_residuals.level_risk import columns
+from pl_mc.methods import Method
 from pl_mc.methods.capabilities import scales_with_k, with_k
 from pl_mc.report.findings import Findings, Table
 from pl_mc.runtime.progress import with_progress
-from pl_mc.runtime.threads import cores, in_order
+from pl_mc.runtime.threads import in_order
 from pl_mc.studies.frontier.figures import frontier_figure, multiplier_figure
 from pl_mc.studies.frontier.record import FrontierExperiment, Sky
 from pl_mc.studies.frontier.text import summary
@@ -63,11 +64,11 @@ def run(experiment: FrontierExperiment, execution: Execution) -> Findings:
         parts = {name: [key | part for part in found.pop(name)] for name in ("curve", "stress")}
         return {"sky": sky.name, "geometry": place, "method": method.name} | found | parts
 
-    results = in_order(one, items, cores())
+    results = in_order(one, items, execution.threads)
     found = [row for _, row in with_progress(results, total=len(items), what="Frontier", show=execution.progress)]
     levels = pd.DataFrame([{"sky": row["sky"], "method": row["method"], "levels": row.pop("levels")} for row in found])
-    columns = ["sky", "method", "factor", "level_m", "risk"]
-    curve = pd.DataFrame([part for row in found for part in row.pop("curve")], columns=columns)
+    of_curves = ["sky", "method", "factor", "level_m", "risk"]
+    curve = pd.DataFrame([part for row in found for part in row.pop("curve")], columns=of_curves)
     stress = pd.DataFrame([part for row in found for part in row.pop("stress")])
     geometries = pd.DataFrame(found)
     frontier = over_skies(geometries, levels, experiment, limit_m)
@@ -103,58 +104,49 @@ def at_geometry(
     unit = with_k(method, 1.0, axis) if scaled else method
     options: dict[str, Any] = {"draws": experiment.draws, "seed": seed}
     risk = LevelRisk(g, unit, budget, axis, **options)
-    allowed = risk.allowed(budget.on(axis), budget.p_hmi)
     if scaled:
-        found, low, high = risk.multiplier(allowed, z_of(_CONFIDENCE))
+        found, low, high = risk.multiplier(z_of(_CONFIDENCE))
     else:
         found, low, high = risk.at(1.0), math.nan, math.nan
-    head = {"satellites": len(g.names), "dof": risk.parts.dof, "allowed": allowed}
+    head = {"satellites": len(g.names), "dof": risk.parts.dof, "allowed": risk.allowed}
     empty: dict[str, Any] = {"levels": np.full(_LEVELS, np.inf), "curve": [], "stress": []}
     if found is None or not risk.free.silent.any():
-        nothing = dict.fromkeys(_NUMBERS, math.nan) | {"k": math.inf, "k_low": math.inf, "k_high": math.inf}
+        nothing = dict.fromkeys(("k", "k_low", "k_high"), math.inf)
+        nothing |= dict.fromkeys((*_TOLD, "unconverged_rate"), math.nan)
         rates = {"alarm_rate": 1.0, "discontinuity": 1.0, "level_m": math.inf}
         rates |= {f"alarm_rate_{size:g}m": 1.0 for size in experiment.sizes_m}
         return head | nothing | rates | {"kept": False, "worst_fault": ""} | empty
     k, free = found.k, risk.free
     plain = np.s_[0, : risk.plain]
     level = np.where(free.silent[plain], k * free.level_m[plain], np.inf)
-    alarm_rate = float(free.weight @ free.alarms(k, limit_m)[0] / free.weight.sum())
+    alarm_rate = risk.alarm_rate(k, limit_m)
     faulty = risk.alarm_rates(k, limit_m, np.array(experiment.sizes_m), _ALARM_DRAWS)[:, : len(g.names)]
     discontinuity = experiment.independent * alarm_rate + float(risk.shares.single @ faulty.max(axis=0))
-    reach = z_of(_CONFIDENCE) * found.error
-    faults_m = risk.faults_m
+    told = columns(g, risk, found, _CONFIDENCE)
     curve = []
     for factor in FACTORS if scaled else (1.0,):
-        at = risk.at(k * factor, faults_m)
+        at = risk.at(k * factor, found.faults)
         finite = free.level_m[plain][free.silent[plain]]
         curve.append({"factor": factor, "level_m": float(k * factor * finite.mean()), "risk": at.analysed})
     stress = _stressed(g, unit, budget, axis, experiment, k, found.analysed, options) if stressed else []
-    name = f"{g.names[found.worst]}:{found.worst_bias_m:+.4g}m" if found.worst >= 0 else ""
     return (
         head
         | {"k": k if scaled else math.nan, "k_low": low, "k_high": high}
+        | {name: told[name] for name in _TOLD}
         | {
-            "risk": found.analysed,
-            "risk_low": max(found.analysed - reach, 0.0),
-            "risk_high": found.analysed + reach,
-            "contribution_fault_free": found.fault_free,
-            "contribution_single": found.single,
             "unconverged_rate": float(free.unsettled[plain].mean()),
             "level_m": float(level[np.isfinite(level)].mean()) if np.isfinite(level).any() else math.inf,
             "alarm_rate": alarm_rate,
         }
         | {f"alarm_rate_{size:g}m": float(row.mean()) for size, row in zip(experiment.sizes_m, faulty, strict=True)}
-        | {"discontinuity": min(discontinuity, 1.0), "worst_fault": name}
+        | {"discontinuity": min(discontinuity, 1.0), "worst_fault": told["worst_fault"]}
         # One that a multiplier was found for takes just what it may.
-        | {"kept": bool(scaled or found.analysed + reach <= allowed)}
+        | {"kept": scaled or told["kept"]}
         | {"levels": np.resize(level, _LEVELS), "curve": curve, "stress": stress}
     )
 
 
-_NUMBERS = (
-    "k", "k_low", "k_high", "risk", "risk_low", "risk_high", "contribution_fault_free", "contribution_single",
-    "unconverged_rate",
-)  # fmt: skip
+_TOLD = ("risk", "risk_low", "risk_high", "contribution_fault_free", "contribution_single")
 
 
 def _stressed(
@@ -270,7 +262,7 @@ def _built(sky: Sky, experiment: FrontierExperiment) -> None:
     except InputError:
         # Told of as such.
         return
-    LevelRisk(found[0], Ls(), budget, axis, draws=1, seed=0).allowed(budget.on(axis), budget.p_hmi)
+    budget.allowed(budget.shared(found[0]), axis)
 
 
 def _notes(geometries: pd.DataFrame) -> tuple[str, ...]:
