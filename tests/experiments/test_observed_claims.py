@@ -236,3 +236,13 @@ def test_the_real_day_with_injected_faults(tmp_path: Path, data_folder: Path) ->
     # RTKLIB's variances hold an ephemeris error and half of the ionosphere that this day did not have.
     coverage = pd.read_csv(tmp_path / "day" / "coverage.csv")
     assert (coverage.within_rate > 0.98).all()
+
+
+def test_a_multiplier_without_claims_is_refused(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    out = tmp_path / "out"
+    call = ["observe", str(FILES / "none.rnx"), str(FILES / "none.nav"), "--truth", TRUTH_TEXT, "--out", str(out)]
+    with pytest.raises(SystemExit, match="2"):
+        main([*call, "--claim-multiplier", "3"])
+    said = capsys.readouterr().err
+    assert "claim_multiplier: without claims there is nothing that it makes levels of" in said
+    assert not out.exists()

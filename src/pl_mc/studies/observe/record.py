@@ -6,7 +6,8 @@ from collections.abc import Mapping
 from pathlib import Path
 from typing import Literal
 
-from pydantic import Field
+from pydantic import Field, ValidationInfo, field_validator
+from pydantic_core import PydanticCustomError
 
 from pl_mc.studies.fault_fields import FaultText
 from pl_mc.studies.sources import where_it_is
@@ -27,6 +28,15 @@ class ObserveExperiment(ByOneAxis, ReceiverFiles):
     claims: tuple[Path, ...] = ()
     claim_multiplier: float | None = Field(default=None, gt=0)
     residuals: bool = False
+
+    @field_validator("claim_multiplier")
+    @classmethod
+    def _of_claims(cls, multiplier: float | None, info: ValidationInfo) -> float | None:
+        if multiplier is not None and info.data.get("claims") == ():
+            raise PydanticCustomError(
+                "claims", "without claims there is nothing that it makes levels of, and none is to be given"
+            )
+        return multiplier
 
     def input_files(self) -> Mapping[str, Path]:
         """The RINEX files, the track where the truth is one, and the claims, each where it is found."""
