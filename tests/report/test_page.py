@@ -175,7 +175,8 @@ def test_the_text_in_place_of_a_figure_says_what_is_drawn(small_run: Path) -> No
 def test_every_stored_result_has_three_sentences_with_numbers(folder: Path) -> None:
     run = read_run_folder(folder)
     experiment = experiment_of(run)
-    answer = study_of(experiment).answer(run.tables, experiment)
+    # Where a table is too large to be kept, the answer that the run stored is.
+    answer = run.document.answer if run.document else study_of(experiment).answer(run.tables, experiment)
     # Three by each limit that decides, where several do.
     assert len(answer) == 3 * max(len(experiment.judged_axes()), 1)
     for sentence in answer:
