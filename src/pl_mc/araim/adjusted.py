@@ -11,15 +11,14 @@ import dataclasses
 import jax.numpy as jnp
 from jax import Array
 
-from pl_mc.araim.budget import Budget
-from pl_mc.araim.solving import Subsets, Whole, by_axis, separation_floor
+from pl_mc.araim.solving import Subsets, Whole, separation_floor
 
 # Modes less probable than this are no reason to move, and how far accuracy stays from its limit [m].
 _LEAST_PRIOR, _MARGIN_M = 1e-11, 1e-5
 
 
 def adjusted(
-    whole: Whole, modes: Subsets, instant: Array, bias_ratio: Array, accuracy_ratio: Array, budget: Budget
+    whole: Whole, modes: Subsets, instant: Array, bias_ratio: Array, accuracy_ratio: Array, limit_m: Array
 ) -> tuple[Whole, Subsets]:
     """The solutions with the all-in-view one moved, in each axis for itself, towards that of the largest sigma.
 
@@ -27,7 +26,7 @@ def adjusted(
         whole, modes: the solutions of least squares, of ``m`` modes and ``g`` geometries.
         instant: (m, g), priors at an instant.
         bias_ratio, accuracy_ratio: (n, g), as of `pl_mc.araim.solving.fit_subsets`.
-        budget: for its limits of sigma under the accuracy model.
+        limit_m: (3,), largest sigma under the accuracy model, zero where there is none [m].
     """
     able = modes.regular & (instant >= _LEAST_PRIOR)
     sigma = jnp.where(able[None], modes.sigma_m, 0.0)
@@ -35,10 +34,9 @@ def adjusted(
     step = jnp.take_along_axis(modes.difference, weakest[:, None, None], axis=2)[:, :, 0]
     # No step where the solution with all satellites is the weakest itself.
     step = jnp.where((jnp.max(sigma, axis=1) > whole.sigma_m)[:, None], step, 0.0)
-    limit = jnp.asarray(by_axis(budget.sigma_acc_horizontal_m or 0.0, budget.sigma_acc_vertical_m or 0.0), sigma.dtype)
     a = jnp.sum(step**2 * accuracy_ratio[None], axis=1)
     b = jnp.sum(step * whole.gain * accuracy_ratio[None], axis=1)
-    c = jnp.sum(whole.gain**2 * accuracy_ratio[None], axis=1) - (limit[:, None] - _MARGIN_M) ** 2
+    c = jnp.sum(whole.gain**2 * accuracy_ratio[None], axis=1) - (limit_m[:, None] - _MARGIN_M) ** 2
     moves = (c < 0) & (a > 0)
     root = jnp.sqrt(jnp.maximum(jnp.where(moves, b**2 - a * c, 0.0), 0.0))
     share = jnp.where(moves, jnp.minimum((root - b) / jnp.where(moves, a, 1.0), 1.0), 0.0)

@@ -15,6 +15,7 @@ import jax.numpy as jnp
 import numpy as np
 from jax import Array
 from jax.scipy.special import erfc, ndtri
+from numpy.typing import ArrayLike
 from scipy import stats
 
 from pl_mc.araim.budget import Budget
@@ -23,6 +24,45 @@ from pl_mc.geometry.record import EAST, UP
 
 # Halvings of a first bracket that is at most a few sigma wide: 2e-10 of it is left.
 HALVINGS = 32
+
+
+@jax.tree_util.register_dataclass
+@dataclass(frozen=True)
+class Figures:
+    """What the equations take from a budget, as numbers that a compiled function is given.
+
+    Attributes:
+        factor: (3, m + 1), K_fa by number of tests, for which the false-alert risk of a sample is shared out.
+        p_hmi: (3,), integrity risk of each axis; p_hmi_sum: () of all.
+        samples: (), N_es for integrity; p_emt: ().
+        capped: (), whether a fault counts no more often than it exists.
+        sigma_acc_m: (3,), limits of the adjusted estimator, zero where there is none [m].
+    """
+
+    factor: ArrayLike
+    p_hmi: ArrayLike
+    p_hmi_sum: ArrayLike
+    samples: ArrayLike
+    p_emt: ArrayLike
+    capped: ArrayLike
+    sigma_acc_m: ArrayLike
+
+
+def figures(budget: Budget, modes: int) -> Figures:
+    """The figures of a budget, for up to so many modes."""
+    number = np.maximum(np.arange(modes + 1), 1) * budget.samples_continuity
+    horizontal, vertical = (
+        stats.norm.isf(p / number) for p in (budget.p_fa_horizontal / 4.0, budget.p_fa_vertical / 2.0)
+    )
+    return Figures(
+        factor=by_axis(horizontal, vertical),
+        p_hmi=by_axis(budget.p_hmi_horizontal / 2.0, budget.p_hmi_vertical),
+        p_hmi_sum=np.asarray(budget.p_hmi),
+        samples=np.asarray(float(budget.samples_integrity)),
+        p_emt=np.asarray(budget.p_emt),
+        capped=np.asarray(budget.capped),
+        sigma_acc_m=by_axis(budget.sigma_acc_horizontal_m or 0.0, budget.sigma_acc_vertical_m or 0.0),
+    )
 
 
 @jax.tree_util.register_dataclass
@@ -70,7 +110,7 @@ class Levels:
 
 
 def solve_levels(
-    whole: Whole, modes: Subsets, priors: Priors, budget: Budget, bias_ratio_continuity: Array | None = None
+    whole: Whole, modes: Subsets, priors: Priors, given: Figures, bias_ratio_continuity: Array | None = None
 ) -> Levels:
     """Thresholds and levels (equations of K_fa, T, VPL, HPL, EMT and sigma_acc).
 
@@ -80,26 +120,29 @@ def solve_levels(
     Args:
         whole, modes: the solutions.
         priors: of the modes.
-        budget: the operation's risks.
+        given: figures of the operation's budget.
         bias_ratio_continuity: (n, g), b_acc over sigma, which widens the thresholds; none unless given.
     """
     probability = priors.instant
+    dtype = probability.dtype
+    figure = jax.tree.map(lambda x: jnp.asarray(x, bool if np.result_type(x) == np.bool_ else dtype), given)
     live = probability > 0
     monitored = modes.regular & live
     cap, at_most = None, probability
-    if budget.capped and priors.exposure is not None:
-        cap = jnp.minimum(1.0, priors.exposure / jnp.where(live, probability * budget.samples_integrity, 1.0))
+    if priors.exposure is not None:
+        often = priors.exposure / jnp.where(live, probability * figure.samples, 1.0)
+        cap = jnp.where(figure.capped, jnp.minimum(1.0, often), 1.0)
         at_most = probability * cap
     lost = jnp.sum(jnp.where(monitored, 0.0, at_most), axis=0)
     p_not_monitored = priors.not_monitored if priors.exposure is not None else priors.not_monitored + lost
-    threshold = _factors(monitored, budget, probability.dtype)[:, None] * modes.sigma_separation_m
+    count = jnp.sum(monitored, axis=0, dtype=jnp.int32)
+    threshold = figure.factor[:, count][:, None] * modes.sigma_separation_m
     if bias_ratio_continuity is not None:
         threshold = threshold + jnp.sum(jnp.abs(modes.difference) * bias_ratio_continuity[None, :, None], axis=1)
-    p_hmi = jnp.asarray(by_axis(budget.p_hmi_horizontal / 2.0, budget.p_hmi_vertical), probability.dtype)
-    share = 1.0 - p_not_monitored / budget.p_hmi
+    share = 1.0 - p_not_monitored / figure.p_hmi_sum
     if priors.share is not None:
         share = share * priors.share
-    risk = p_hmi[:, None] * share[None] / budget.samples_integrity
+    risk = figure.p_hmi[:, None] * share[None] / figure.samples
     if priors.exposure is not None:
         risk = risk - lost[None]
     available = whole.regular & (share > 0)
@@ -117,7 +160,7 @@ def solve_levels(
         found = _horizontal_levels(sigma[:UP], shift[:UP], weight, caps, risk[EAST])
         horizontal = jnp.where(there[EAST], found, jnp.inf)
     level = protection_level(sigma, shift, weight, risk, caps)
-    probable = monitored & (probability >= budget.p_emt)
+    probable = monitored & (probability >= figure.p_emt)
     return Levels(
         level_m=jnp.where(there, level, jnp.inf),
         threshold_m=jnp.where((monitored & available[None])[None], threshold, jnp.inf),
@@ -127,16 +170,6 @@ def solve_levels(
         available=available,
         horizontal_m=horizontal,
     )
-
-
-def _factors(monitored: Array, budget: Budget, dtype: jax.typing.DTypeLike) -> Array:
-    """(3, g), K_fa by number of tests, for which the false-alert risk of a sample is shared out."""
-    count = jnp.sum(monitored, axis=0, dtype=jnp.int32)
-    number = np.maximum(np.arange(monitored.shape[0] + 1), 1) * budget.samples_continuity
-    horizontal, vertical = (
-        stats.norm.isf(p / number) for p in (budget.p_fa_horizontal / 4.0, budget.p_fa_vertical / 2.0)
-    )
-    return jnp.asarray(by_axis(horizontal, vertical), dtype)[:, count]
 
 
 def protection_level(

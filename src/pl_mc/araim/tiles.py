@@ -7,6 +7,7 @@ from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 
 import jax
+import jax.numpy as jnp
 import numpy as np
 from jax import Array
 from numpy.typing import NDArray
@@ -15,7 +16,7 @@ from pl_mc.araim.adjusted import adjusted
 from pl_mc.araim.batch import Batch
 from pl_mc.araim.budget import Budget
 from pl_mc.araim.modes import FaultModes
-from pl_mc.araim.risk_equations import Levels, Priors, solve_levels
+from pl_mc.araim.risk_equations import Figures, Levels, Priors, figures, solve_levels
 from pl_mc.araim.solving import fit_subsets
 from pl_mc.arrays import FloatArray
 from pl_mc.runtime.precision import precision_scope
@@ -102,7 +103,7 @@ def solve(batch: Batch, positions: Positions, budget: Budget, estimator: str, *,
         )  # fmt: skip
         arrays = tuple(None if array is None else _tiled(array, tiles) for array in (*rows, *modes))
         with precision_scope("float64"):
-            return jax.tree.map(np.asarray, _solve(*arrays, budget=budget, estimator=estimator))
+            return jax.tree.map(np.asarray, _solve(figures(budget, width), *arrays, estimator=estimator))
 
     for (width, places), levels in in_order(run, _parts(widths[positions.place]), cores()):
         kept = slice(0, len(places))
@@ -165,15 +166,16 @@ def _flat(given: Array) -> NDArray:
     return np.moveaxis(values, 0, -2).reshape(*values.shape[1:-1], -1)
 
 
-@functools.partial(jax.jit, static_argnames=("budget", "estimator"))
+@functools.partial(jax.jit, static_argnames="estimator")
 def _solve(
-    design: Array, in_view: Array, bias_ratio: Array, accuracy_ratio: Array, bias_ratio_continuity: Array | None,
-    excluded: Array, prior: Array, unknown: Array, exposure: Array | None, share: Array | None,
-    *, budget: Budget, estimator: str,
+    given: Figures, design: Array, in_view: Array, bias_ratio: Array, accuracy_ratio: Array,
+    bias_ratio_continuity: Array | None, excluded: Array, prior: Array, unknown: Array, exposure: Array | None,
+    share: Array | None, *, estimator: str,
 ) -> Levels:  # fmt: skip
     """The levels of tiles of positions, which run along the last axis.
 
     Args:
+        given: figures of the budget.
         design: (tiles, n, t, g), whitened; in_view: (tiles, n, g).
         bias_ratio, accuracy_ratio: (tiles, n, g), nominal bias over sigma, accuracy over integrity variance.
         bias_ratio_continuity: (tiles, n, g), b_acc over sigma, or None.
@@ -185,8 +187,8 @@ def _solve(
         rows, seen, bias, accuracy, bias_continuity, out, p, p_not_monitored, p_exposure, part = tile
         whole, modes = fit_subsets(rows, seen, out, bias, accuracy)
         if estimator == ADJUSTED:
-            whole, modes = adjusted(whole, modes, p, bias, accuracy, budget)
-        return solve_levels(whole, modes, Priors(p, p_not_monitored, p_exposure, part), budget, bias_continuity)
+            whole, modes = adjusted(whole, modes, p, bias, accuracy, jnp.asarray(given.sigma_acc_m))
+        return solve_levels(whole, modes, Priors(p, p_not_monitored, p_exposure, part), given, bias_continuity)
 
     tiles = (
         design, in_view, bias_ratio, accuracy_ratio, bias_ratio_continuity, excluded, prior, unknown, exposure, share,
