@@ -32,7 +32,7 @@ LAYERS = (
     ("integrity_risk", "service", "time_ramps"),
     ("report",),
     ("studies",),
-    ("experiments", "benchmark"),
+    ("experiments", "benchmark", "conformance"),
     ("cli",),
 )
 # Rooms of integrity risk: each may know those before it; nobody knows of the last, which knows nothing of the two

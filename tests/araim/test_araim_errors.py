@@ -49,7 +49,7 @@ GIVEN = {
             "p_sat: with 10 faults this probable, combinations of 5 .* smaller probabilities",
         ),
         ({"b_nom": -0.5}, "b_nom: a nominal bias is .* not negative"),
-        ({"budget": "LPV-200"}, "budget: a budget such as pl_mc.araim.LPV_200 is needed, not str"),
+        ({"budget": "LPV-200"}, "budget: a budget such as pl_mc.araim.LPV_200 is needed, not .LPV-200."),
         ({"unmonitored": "contain"}, "unmonitored: 'contain' is unknown .nearest: contained"),
         ({"in_view": np.ones(9, dtype=bool)}, r"in_view: its shape is"),
     ],

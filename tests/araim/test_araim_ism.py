@@ -11,11 +11,11 @@ import pytest
 import pl_mc
 from pl_mc.araim import Ism, protection_levels
 from pl_mc.error_models import error_model
-from reference.problems import appendix_d
+from reference.problems import VECTORS, appendix_d
 
 # The settings of MAAST's 96 cases, see test_araim_vectors.
 MAAST = Ism(sigma_ura_m=1.0, sigma_ure_m=2.0 / 3.0, b_nom_m=0.75, p_sat=1e-5, p_const={"G": 1e-8, "E": 1e-4})
-CASES = np.genfromtxt(Path(__file__).parent / "maast_cases.csv", delimiter=",", skip_header=2, names=True)
+CASES = np.genfromtxt(VECTORS / "araim_maast_cases.csv", delimiter=",", names=True)
 # Time and place of twelve of them.
 PLACES = np.genfromtxt(
     Path(__file__).parents[1] / "geometry" / "maast_rows.csv", delimiter=",", skip_header=2, names=True
@@ -130,7 +130,7 @@ WHOLE = {"ism": OURS, "names": G.names, "noise_m2": NOISE_M2}
             WHOLE | {"ism": dataclasses.replace(OURS, p_sat={"G": 1e-5})},
             "p_sat: there is no value for E0. or for its co",
         ),
-        (WHOLE | {"ism": None}, "names: it belongs to an ism, and there is none"),
+        (WHOLE | {"ism": None, "names": None}, "noise_m2: it belongs to an ism, and there is none"),
         ({"noise_m2": 1.0}, "noise_m2: it belongs to an ism, and there is none"),
         ({"c_int": 1.0, "c_acc": 1.0, "b_nom": 1.0, "p_sat": 1e-5}, "p_const: it is needed where no ism says it"),
         ({"c_int": 1.0, "c_acc": 1.0, "p_const": {}}, "b_nom: it is needed where no ism says it"),

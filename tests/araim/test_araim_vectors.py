@@ -7,14 +7,12 @@ axis. The 96 cases were computed with Stanford's MAAST for ARAIM.
 
 from __future__ import annotations
 
-from pathlib import Path
-
 import numpy as np
 import pytest
 from scipy import stats
 
 import pl_mc.araim
-from reference.problems import appendix_d
+from reference.problems import VECTORS, appendix_d
 
 # C_acc of Appendix D, in the order of its satellites [m^2].
 C_ACC = np.array([3.5740, 1.1252, 0.5479, 1.3258, 1.0104, 0.5309, 0.5838, 0.5544, 0.5448, 1.0491])
@@ -56,8 +54,8 @@ def test_appendix_d_in_its_parts(example):
 
 def maast():
     """Design, variances and systems as batches padded with NaN, a mask, and the table of results."""
-    rows = np.genfromtxt(Path(__file__).parent / "maast_geometry.csv", delimiter=",", skip_header=2, names=True)
-    cases = np.genfromtxt(Path(__file__).parent / "maast_cases.csv", delimiter=",", skip_header=2, names=True)
+    rows = np.genfromtxt(VECTORS / "araim_maast_geometry.csv", delimiter=",", names=True)
+    cases = np.genfromtxt(VECTORS / "araim_maast_cases.csv", delimiter=",", names=True)
     width = int((cases["n_gps"] + cases["n_gal"]).max())
     design = np.full((len(cases), width, 5), np.nan)
     variances = np.full((2, len(cases), width), np.nan)

@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-from pathlib import Path
-
 import numpy as np
 import pytest
 
@@ -12,11 +10,10 @@ from pl_mc.araim import Ism
 from pl_mc.error_models import Sky, error_model
 from pl_mc.error_models.atmosphere import troposphere_sigma_m
 from pl_mc.error_models.base import sigma_of_signal_m
+from reference.problems import VECTORS
 
 # C_int and C_acc of 96 cases, with URA 1 m and URE 2/3 m; see tests/araim.
-ROWS = np.genfromtxt(
-    Path(__file__).parents[1] / "araim" / "maast_geometry.csv", delimiter=",", skip_header=2, names=True
-)
+ROWS = np.genfromtxt(VECTORS / "araim_maast_geometry.csv", delimiter=",", names=True)
 ORBITS = np.where(ROWS["galileo"] == 1, "GAL", "GPS")
 # sin of the elevation is minus the third column, which has nine digits.
 SKY = Sky(ORBITS, np.arcsin(-ROWS["u"]), 0.0, 0.0, 0.0)

@@ -3,10 +3,15 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from pathlib import Path
 
 import numpy as np
 
+import pl_mc
 from pl_mc import Geometry
+
+# Reference numbers of others, which the package carries.
+VECTORS = Path(pl_mc.__file__).parent / "conformance" / "vectors"
 
 LETTERS = "GCE"
 

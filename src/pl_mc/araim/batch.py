@@ -10,10 +10,10 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from pl_mc.araim.budget import Budget
-from pl_mc.araim.modes import LEAST_PRIOR, UNMONITORED
+from pl_mc.araim.modes import LEAST_PRIOR
 from pl_mc.arrays import FloatArray
 from pl_mc.geometry.record import POSITION_UNKNOWNS, SYSTEM_NAMES, as_mask
-from pl_mc.input_errors import InputError, nearest, require_choice, require_number, require_numbers, shown
+from pl_mc.input_errors import InputError, nearest, require_number, require_numbers, shown
 from pl_mc.ism import Ism, as_ism
 
 # What lies beyond these is a slip of the unit, and cannot be computed with.
@@ -29,8 +29,10 @@ class Batch:
         c_int, c_acc: (g, n), variances [m^2].
         b_nom: (g, n), largest nominal biases [m].
         p_sat: (g, n), priors; zero out of view.
-        systems: (g, n), letters; empty out of view.
+        systems: (g, n), letters; empty out of view. names: (g, n), of the satellites; empty where not known.
         p_const: prior by letter.
+        r_sat_per_h: (g, n), rates of faults [1/h], and r_const_per_h by letter; zero where nothing says them.
+        b_acc: (g, n), largest nominal biases for continuity [m]; zero where nothing says them.
         single: whether the caller gave one geometry without an axis of geometries.
     """
 
@@ -41,20 +43,27 @@ class Batch:
     b_nom: FloatArray
     p_sat: FloatArray
     systems: NDArray[np.str_]
+    names: NDArray[np.str_]
     p_const: dict[str, float]
+    r_sat_per_h: FloatArray
+    r_const_per_h: dict[str, float]
+    b_acc: FloatArray
     single: bool
+
+    @property
+    def satellites(self) -> NDArray[np.str_]:
+        """(g, n), what each row is called: its name, or its letter and place."""
+        place = np.char.add(self.systems, [f"#{k + 1}" for k in range(self.systems.shape[1])])
+        return np.where(self.names == "", np.where(self.in_view, place, ""), self.names)
 
 
 def as_batch(
     design: ArrayLike, c_int: ArrayLike | None, c_acc: ArrayLike | None,
     systems: Sequence[str] | Sequence[Sequence[str]], b_nom: ArrayLike | None, p_sat: ArrayLike | None,
-    p_const: Mapping[str, float] | None, budget: Budget, unmonitored: str, in_view: ArrayLike | None, ism: Any = None,
+    p_const: Mapping[str, float] | None, budget: Budget, in_view: ArrayLike | None, ism: Any = None,
     names: Sequence[str] | Sequence[Sequence[str]] | None = None, noise_m2: ArrayLike | None = None,
 ) -> Batch:  # fmt: skip
     """The batch; an `InputError` says what does not fit."""
-    if not isinstance(budget, Budget):
-        raise InputError(f"budget: a budget such as pl_mc.araim.LPV_200 is needed, not {type(budget).__name__}.")
-    require_choice(unmonitored, UNMONITORED, field="unmonitored")
     rows = require_numbers(design, field="design")
     single = rows.ndim == 2
     rows = rows[None] if single else rows
@@ -73,9 +82,10 @@ def as_batch(
         return _spread(field, _diagonal(field, require_numbers(value, field=field), single, n), g, n)
 
     by_name: dict[str, Any] = {"c_int": c_int, "c_acc": c_acc, "b_nom": b_nom, "p_sat": p_sat, "p_const": p_const}
-    said = None if ism is None else _Said(as_ism(ism), _names(names, letters, seen), letters, seen)
-    if said is None and not (names is None and noise_m2 is None):
-        raise InputError(f"{'names' if names is not None else 'noise_m2'}: it belongs to an ism, and there is none.")
+    known = _names(names, letters, seen)
+    said = None if ism is None else _Said(as_ism(ism), known, letters, seen)
+    if said is None and noise_m2 is not None:
+        raise InputError("noise_m2: it belongs to an ism, and there is none.")
     if said is not None:
         by_name |= _of_ism(said, by_name, noise_m2, by_satellite)
     for field, value in by_name.items():
@@ -100,7 +110,10 @@ def as_batch(
         )
     rows, bias, p = np.where(seen[..., None], rows, 0.0), np.where(seen, bias, 0.0), np.where(seen, p, 0.0)
     p_letter = _constellations(by_name["p_const"], letters)
-    return Batch(rows, seen, variances["c_int"], variances["c_acc"], bias, p, letters, p_letter, single)
+    return Batch(
+        rows, seen, variances["c_int"], variances["c_acc"], bias, p, letters, known, p_letter,
+        *_over_time(said, letters, budget), single,
+    )  # fmt: skip
 
 
 @dataclass(frozen=True)
@@ -163,6 +176,25 @@ def _of_ism(
         )
     found["c_int"] = variance - least + ura_m2
     return found | ({"c_acc": variance - least + said.of("sigma_ure_m") ** 2} if ism.has("sigma_ure_m") else {})
+
+
+def _over_time(
+    said: _Said | None, letters: NDArray[np.str_], budget: Budget
+) -> tuple[FloatArray, dict[str, float], FloatArray]:
+    """Rates of faults of satellites (g, n) and by letter, and b_acc (g, n)."""
+    present = sorted({*letters.ravel().tolist()} - {""})
+    rates, by_letter, b_acc = np.zeros(letters.shape), dict.fromkeys(present, 0.0), np.zeros(letters.shape)
+    if budget.exposure_h > 0:
+        if said is None:
+            raise InputError(
+                "ism: with an exposure the rates and durations of faults are needed, which an ISM has (r_sat_per_h, "
+                "mfd_sat_h, r_const_per_h, mfd_const_h; nearest: a budget without exposure_h)."
+            )
+        rates = said.of("r_sat_per_h")
+        by_letter = dict(zip(present, said.ism.values("r_const_per_h", present, present).tolist(), strict=True))
+    if said is not None and said.ism.has("b_acc_m"):
+        b_acc = said.of("b_acc_m")
+    return rates, by_letter, b_acc
 
 
 def _names(given: Any, letters: NDArray[np.str_], seen: NDArray[np.bool_]) -> NDArray[np.str_]:

@@ -1,68 +1,34 @@
 """ARAIM protection levels of one geometry or of a batch (multiple-hypothesis solution separation).
 
-Source: ARAIM Algorithm Description Document v3.0, Working Group C, 2017; detection only.
+Source: ARAIM Algorithm Description Document v3.0, Working Group C, 2017, detection only; and v4.2, with priors over an
+exposure, consolidation and exclusion by prediction, as the code of its authors has it (MAAST for ARAIM).
 """
 
 from __future__ import annotations
 
-import functools
-from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import dataclass
+import dataclasses
+from collections.abc import Mapping, Sequence
 from typing import Any
 
-import jax
 import numpy as np
-from jax import Array
 from numpy.typing import ArrayLike, NDArray
 
 from pl_mc.araim.batch import Batch, as_batch
-from pl_mc.araim.budget import LPV_200, Budget
-from pl_mc.araim.modes import CONTAINED, FaultModes, fault_modes
-from pl_mc.araim.solving import Levels, fit_subsets, solve_levels
+from pl_mc.araim.budget import LPV_200, LPV_200_V42, Budget
+from pl_mc.araim.exclusion import EXCLUSIONS, candidates, positions_after
+from pl_mc.araim.exposure_modes import LISTED, ORDERS, exposure_modes
+from pl_mc.araim.modes import CONTAINED, UNMONITORED, FaultModes, fault_modes
+from pl_mc.araim.record import AraimLevels, PositionLevels
+from pl_mc.araim.tiles import ADJUSTED, ESTIMATORS, LEAST_SQUARES, Positions, Solved, solve, stacked
 from pl_mc.arrays import FloatArray, ordinary_arithmetic
 from pl_mc.geometry.record import EAST, NORTH, POSITION_UNKNOWNS, UP
-from pl_mc.runtime.precision import precision_scope
-from pl_mc.runtime.threads import cores, in_order
+from pl_mc.input_errors import InputError, require_choice, shown
 
-# Geometries side by side: few enough for the caches, many enough for the vector units.
-TILE = 64
+V3, V42 = "v3", "v4.2"
+STANDARDS = (V3, V42)
 
-# Tiles of one call of the compiled function.
-TILES_PER_CALL = 16
-
-
-@dataclass(frozen=True)
-class AraimLevels:
-    """Protection levels; ``...`` is nothing for one geometry, one axis for a batch. Never NaN.
-
-    Where there are no levels (too few satellites, or faults without a test more probable than the integrity risk)
-    they are infinite and ``available`` is False.
-
-    Attributes:
-        vpl_m, hpl_m: (...), vertical and horizontal protection levels [m]; HPL^2 = HPL_east^2 + HPL_north^2.
-        hpl_east_m, hpl_north_m: (...), the latter two [m].
-        emt_m: (...), effective monitor threshold: the largest vertical threshold of the modes with a prior of at
-            least P_EMT [m]; zero where none is so probable.
-        sigma_v_acc_m: (...), standard deviation of the vertical error under the accuracy model [m].
-        p_not_monitored: (...), prior of the faults that no test looks for, those that leave no position included.
-        available: (...), whether there are levels.
-        excluded: (..., modes, n), satellites that each fault mode spoils; modes beyond a geometry's own are empty.
-        probability: (..., modes), their priors; zero beyond a geometry's own.
-        threshold_m: (..., modes, 3), thresholds of the separations east, north, up [m]; infinite for a mode that
-            leaves no position.
-    """
-
-    vpl_m: FloatArray
-    hpl_m: FloatArray
-    hpl_east_m: FloatArray
-    hpl_north_m: FloatArray
-    emt_m: FloatArray
-    sigma_v_acc_m: FloatArray
-    p_not_monitored: FloatArray
-    available: NDArray[np.bool_]
-    excluded: NDArray[np.bool_]
-    probability: FloatArray
-    threshold_m: FloatArray
+# Geometries whose positions after an exclusion are solved together, so that memory stays bounded.
+_TOGETHER = 2048
 
 
 @ordinary_arithmetic
@@ -74,18 +40,23 @@ def protection_levels(
     b_nom: ArrayLike | None = None,
     p_sat: ArrayLike | None = None,
     p_const: Mapping[str, float] | None = None,
-    budget: Budget = LPV_200,
-    unmonitored: str = CONTAINED,
+    budget: Budget | None = None,
+    unmonitored: str | None = None,
     *,
     in_view: ArrayLike | None = None,
     ism: Any = None,
     names: Sequence[str] | Sequence[Sequence[str]] | None = None,
     noise_m2: ArrayLike | None = None,
+    standard: str = V3,
+    exclusion: str | None = None,
+    estimator: str = LEAST_SQUARES,
+    order: str | None = None,
+    modes: FaultModes | Sequence[FaultModes] | None = None,
 ) -> AraimLevels:
     """Protection levels, thresholds and fault modes of one geometry (n, t) or of a batch (g, n, t).
 
-    Computed in double precision on all cores, whatever the configuration of JAX. A satellite that is the only one
-    of its clock moves no position: neither its fault nor, if it is alone, that of its constellation counts.
+    Computed in double precision on all cores, whatever the configuration of JAX. In v3.0 a satellite that is the
+    only one of its clock moves no position: neither its fault nor, if it is alone, that of its constellation counts.
 
     Args:
         design: (n, t) or (g, n, t), minus line of sight east, north, up, then clock columns [m/m].
@@ -96,149 +67,185 @@ def protection_levels(
         b_nom: largest nominal bias [m], one number, (n,) or (g, n).
         p_sat: prior probability of a fault of each satellite, one number, (n,) or (g, n).
         p_const: prior probability of a fault of each constellation, by letter.
-        budget: the operation's risks.
-        unmonitored: what counts as not monitored. ``plain``: every combination of faults without a test of its
-            own. ``contained``: of these only the combinations whose satellites no monitored mode holds together;
-            the others add to the prior of the mode that holds them.
+        budget: the operation's risks; `pl_mc.araim.LPV_200`, or for v4.2 `pl_mc.araim.LPV_200_V42`, unless given.
+        unmonitored: v3 alone, what counts as not monitored. ``plain``: every combination of faults without a test of
+            its own. ``contained``, unless given: of these only the combinations whose satellites no monitored mode
+            holds together; the others add to the prior of the mode that holds them.
         in_view: which rows count, (n,) or (g, n); all unless given. Other rows may hold anything.
         ism: an integrity support message (`pl_mc.araim.Ism`, a table of its fields or the path of a CSV file), which
             says b_nom, p_sat and p_const, as far as it has them, and with sigma_URA and sigma_URE c_acc: c_int less
-            sigma_URA^2, plus sigma_URE^2. What it says is not given beside it.
-        names: with an ism, names of the satellites, (n,) or (g, n), where it tells them apart.
+            sigma_URA^2, plus sigma_URE^2. What it says is not given beside it. For v4.2 with an exposure it says
+            rates and durations of faults.
+        names: names of the satellites, (n,) or (g, n), which an ISM may tell apart and tables show.
         noise_m2: with an ism, instead of c_int, the variances of all other errors (receiver, troposphere), in its
             shapes [m^2].
+        standard: ``v3`` or ``v4.2``, which has priors at an instant and over an exposure.
+        exclusion: v4.2 alone, which exclusions the levels are to hold after as well: ``satellites``, each of them, or
+            ``constellations``, of these too; none unless given.
+        estimator: v4.2 alone, ``least_squares``, or ``adjusted``: accuracy is spent, up to the budget's limits of
+            sigma, to stand nearer to the weakest subset; it is not always better.
+        order: v4.2 alone, in which order modes join that no prior demands, see `pl_mc.araim.exposure_modes`:
+            ``listed``, as the rows stand, as in the authors' code, unless given; or ``probable``.
+        modes: fault modes to use, one list or one for each geometry; found by the standard unless given.
 
     Raises:
-        InputError: an argument that is missing or said twice, shapes that do not fit, numbers that are not finite,
-            variances that are not positive, probabilities outside [0, 1), a letter without a probability, an ISM
-            that lacks a satellite, or faults so probable that too many combinations would have to be monitored.
+        InputError: an argument that is missing, said twice or without effect, shapes that do not fit, numbers that
+            are not finite, variances that are not positive, probabilities outside [0, 1), a letter without a
+            probability, an ISM that lacks a satellite, or faults so probable that too many combinations would have to
+            be monitored.
     """
-    batch = as_batch(
-        design, c_int, c_acc, systems, b_nom, p_sat, p_const, budget, unmonitored, in_view, ism, names, noise_m2
-    )
-    found, pattern = _patterns(batch, budget, unmonitored)
+    require_choice(standard, STANDARDS, field="standard")
+    budget = (LPV_200 if standard == V3 else LPV_200_V42) if budget is None else budget
+    _require_effect(standard, budget, unmonitored, exclusion, estimator, order, modes)
+    batch = as_batch(design, c_int, c_acc, systems, b_nom, p_sat, p_const, budget, in_view, ism, names, noise_m2)
+    if modes is not None:
+        found, pattern = _given(batch, modes, standard)
+    elif standard == V3:
+        found, pattern = _modes_at_an_instant(batch, budget, unmonitored or CONTAINED)
+    else:
+        found, pattern = _modes_over_exposure(batch, budget, exclusion is not None, order or LISTED)
+    g = len(batch.in_view)
+    excluded, there = (None, None) if exclusion is None else candidates(batch, exclusion)
+    share = None if there is None else 1.0 / there.sum(axis=1)
+    levels = solve(batch, Positions(np.arange(g), None, found, pattern, share), budget, estimator)
+    worst = _largest_of(levels)
+    positions = None
+    if excluded is not None and there is not None:
+        positions = _after_exclusions(batch, found, pattern, excluded, there, budget, estimator)
+        worst = {field: getattr(positions, field).max(axis=1, where=there, initial=0.0) for field in worst}
+    spoiled, prior, exposure = (array[pattern] for array in stacked(found))
+    horizontal = {}
+    if levels.horizontal_m is not None:
+        horizontal = dict(zip(("hpl_norm_m", "hpl_plane_m", "hpl_plane_coded_m"), levels.horizontal_m, strict=True))
+    arrays = {
+        **worst, **horizontal, "hpl_east_m": levels.level_m[EAST], "hpl_north_m": levels.level_m[NORTH],
+        "p_not_monitored": levels.p_not_monitored, "available": levels.available, "excluded": spoiled,
+        "probability": prior, "threshold_m": levels.threshold_m, "satellites": batch.satellites, "exposure": exposure,
+    }  # fmt: skip
+    if batch.single:
+        arrays = {field: values[0] for field, values in arrays.items()}
+        positions = positions and PositionLevels(**{field: values[0] for field, values in vars(positions).items()})
+    return AraimLevels(**arrays, positions=positions)
+
+
+def _largest_of(levels: Solved) -> dict[str, Any]:
+    """What is reported as the largest over all positions, of each."""
+    return {
+        "vpl_m": levels.level_m[UP],
+        "hpl_m": np.hypot(levels.level_m[EAST], levels.level_m[NORTH]),
+        "emt_m": levels.emt_m,
+        "sigma_v_acc_m": levels.sigma_v_acc_m,
+    }
+
+
+def _after_exclusions(
+    batch: Batch, found: Sequence[FaultModes], pattern: NDArray[np.intp], excluded: NDArray[np.bool_],
+    there: NDArray[np.bool_], budget: Budget, estimator: str,
+) -> PositionLevels:  # fmt: skip
+    """The levels of all positions."""
+    every: dict[str, NDArray] = {}
+    for first in range(0, len(there), _TOGETHER):
+        part = np.arange(first, min(first + _TOGETHER, len(there)))
+        positions = positions_after(part, excluded[part], there[part], found, pattern[part])
+        levels = solve(batch, positions, budget, estimator, thresholds=False)
+        for field, values in _largest_of(levels).items():
+            every.setdefault(field, np.full(there.shape, np.inf))[part[0] : part[-1] + 1][there[part]] = values
+    return PositionLevels(excluded, there, **every)
+
+
+def _require_effect(
+    standard: str, budget: Any, unmonitored: str | None, exclusion: str | None, estimator: str, order: str | None,
+    modes: Any,
+) -> None:  # fmt: skip
+    """Raise `InputError` for options that cannot be used, or that this standard would ignore."""
+    for field, value, choices in (
+        ("unmonitored", unmonitored, UNMONITORED), ("exclusion", exclusion, EXCLUSIONS),
+        ("estimator", estimator, ESTIMATORS), ("order", order, ORDERS),
+    ):  # fmt: skip
+        if value is not None:
+            require_choice(value, choices, field=field)
+    if not isinstance(budget, Budget):
+        raise InputError(f"budget: a budget such as pl_mc.araim.LPV_200 is needed, not {shown(budget)}.")
+    if standard == V42:
+        if unmonitored is not None:
+            raise InputError("unmonitored: it belongs to standard 'v3'; 'v4.2' has the consolidation of its budget.")
+        if estimator == ADJUSTED and budget.sigma_acc_vertical_m is None and budget.sigma_acc_horizontal_m is None:
+            raise InputError(
+                "budget: the adjusted estimator needs a limit, sigma_acc_vertical_m or sigma_acc_horizontal_m "
+                "(nearest: pl_mc.araim.LPV_200_V42)."
+            )
+    else:
+        for field, given in (
+            ("exclusion", exclusion is not None), ("estimator", estimator == ADJUSTED), ("order", order is not None),
+            ("budget", budget.has_exposure),
+        ):  # fmt: skip
+            if given:
+                what = f"{budget.name} has fields that have" if field == "budget" else "it has"
+                raise InputError(f"{field}: {what} no effect in standard 'v3' (nearest: standard='v4.2').")
+    if modes is not None and (order is not None or unmonitored is not None):
+        raise InputError(f"{'order' if order else 'unmonitored'}: it has no effect where the modes are given.")
+
+
+def _given(batch: Batch, modes: Any, standard: str) -> tuple[list[FaultModes], NDArray[np.intp]]:
+    """Fault modes of the caller's own, checked, and which of them belong to each geometry (g,)."""
     g, n = batch.in_view.shape
-    numbers = np.array([len(modes.probability) for modes in found])
-    most, widths = max(1, int(numbers.max())), _widths(numbers)
-    # Satellites of the modes (patterns, width, n) and their priors (patterns, width), zero beyond the last.
-    excluded, prior = np.zeros((len(found), widths.max(), n), dtype=bool), np.zeros((len(found), widths.max()))
-    for k, modes in enumerate(found):
-        excluded[k, : numbers[k]], prior[k, : numbers[k]] = modes.excluded, modes.probability
-    scalars = {field: np.empty(g) for field in ("emt_m", "sigma_v_acc_m", "p_not_monitored")}
-    level, available = np.empty((3, g)), np.empty(g, dtype=bool)
-    threshold = np.full((g, most, 3), np.inf)
-    unknown = np.array([modes.p_not_monitored for modes in found])
-
-    def run(part: tuple[int, NDArray[np.intp]]) -> Levels:
-        width, places = part
-        with precision_scope("float64"):
-            modes = (excluded[pattern[places], :width], prior[pattern[places], :width], unknown[pattern[places]])
-            return jax.tree.map(np.asarray, _solve(*_tiles(batch, places, *modes), budget=budget))
-
-    for (width, places), levels in in_order(run, _parts(widths[pattern]), cores()):
-        kept = slice(0, len(places))
-        for field, values in scalars.items():
-            values[places] = _flat(getattr(levels, field))[kept]
-        available[places] = _flat(levels.available)[kept]
-        level[:, places] = _flat(levels.level_m)[:, kept]
-        shared = min(width, most)
-        threshold[places, :shared] = _flat(levels.threshold_m)[:, :shared, kept].transpose(2, 1, 0)
-
-    one = (lambda values: values[0]) if batch.single else (lambda values: values)
-    return AraimLevels(
-        vpl_m=one(level[UP]),
-        hpl_m=one(np.hypot(level[EAST], level[NORTH])),
-        hpl_east_m=one(level[EAST]),
-        hpl_north_m=one(level[NORTH]),
-        available=one(available),
-        excluded=one(excluded[:, :most][pattern]),
-        probability=one(prior[:, :most][pattern]),
-        threshold_m=one(threshold),
-        **{field: one(values) for field, values in scalars.items()},
-    )
+    found = [modes] if isinstance(modes, FaultModes) else modes
+    if not isinstance(found, Sequence) or not all(isinstance(one, FaultModes) for one in found):
+        raise InputError(f"modes: pl_mc.araim.FaultModes, or a list of {g}, are needed, not {shown(modes)}.")
+    if len(found) not in (1, g):
+        raise InputError(f"modes: one list, or {g} as there are geometries, are needed, not {len(found)}.")
+    for one in found:
+        m = len(one.probability)
+        if np.shape(one.excluded) != (m, n) or np.shape(one.over_exposure) != (m,):
+            raise InputError(f"modes: the shapes (modes, {n}) and (modes,) are needed, not {np.shape(one.excluded)}.")
+    if standard == V42:
+        found = [dataclasses.replace(one, exposure=one.over_exposure) for one in found]
+    elif any(one.exposure is not None for one in found):
+        raise InputError("modes: priors over an exposure have no effect in standard 'v3' (nearest: standard='v4.2').")
+    return list(found), np.arange(g) if len(found) == g else np.zeros(g, dtype=np.intp)
 
 
-def _patterns(batch: Batch, budget: Budget, unmonitored: str) -> tuple[list[FaultModes], NDArray[np.intp]]:
-    """The fault modes of each distinct pattern of satellites, and the pattern of each geometry (g,)."""
+def _patterns(batch: Batch, *more: FloatArray) -> tuple[NDArray[np.bool_], NDArray[np.intp], NDArray[np.intp]]:
+    """Which clock each row observes (g, n, clocks); a geometry of each pattern, and the pattern of each (g,)."""
     clocks = batch.design[:, :, POSITION_UNKNOWNS:] != 0
     codes = np.unique(batch.systems, return_inverse=True)[1].reshape(batch.systems.shape)
     parts = [codes.astype(np.int8), clocks.reshape(len(clocks), -1).astype(np.int8)]
-    if (batch.p_sat[batch.in_view] != batch.p_sat.max()).any():
-        parts.append(np.ascontiguousarray(batch.p_sat).view(np.int8))
+    for values in more:
+        if (values[batch.in_view] != values.max()).any():
+            parts.append(np.ascontiguousarray(values).view(np.int8))
     keys = np.ascontiguousarray(np.concatenate(parts, axis=1))
     words = keys.view(np.dtype((np.void, keys.shape[1])))[:, 0]
     _, first, pattern = np.unique(words, return_index=True, return_inverse=True)
+    return clocks, first, pattern.reshape(-1)
+
+
+def _modes_at_an_instant(batch: Batch, budget: Budget, unmonitored: str) -> tuple[list[FaultModes], NDArray[np.intp]]:
+    """The fault modes of v3.0 of each distinct pattern of satellites, and the pattern of each geometry (g,)."""
+    clocks, first, pattern = _patterns(batch, batch.p_sat)
     found = [
         fault_modes(batch.systems[k].tolist(), clocks[k], batch.p_sat[k], batch.p_const, budget, unmonitored)
         for k in first
     ]
-    return found, pattern.reshape(-1)
+    return found, pattern
 
 
-def _widths(modes: NDArray[np.int64]) -> NDArray[np.int64]:
-    """Numbers of modes rounded up to few shapes of the compiled function: the largest, its quarter, ..."""
-    most = int(modes.max(initial=1))
-    step = 8 if most <= 32 else 32
-    largest = step * -(-most // step)
-    widths = np.full(modes.shape, largest)
-    while largest > 32:
-        largest = 8 * -(-largest // 32)
-        widths = np.where(modes <= largest, largest, widths)
-    return widths
-
-
-def _parts(widths: NDArray[np.int64]) -> Iterator[tuple[int, NDArray[np.intp]]]:
-    """Geometries of one width of fault modes, as many as a call takes."""
-    for width in np.unique(widths).tolist():
-        places = np.flatnonzero(widths == width)
-        for first in range(0, len(places), TILE * TILES_PER_CALL):
-            yield width, places[first : first + TILE * TILES_PER_CALL]
-
-
-def _tiles(
-    batch: Batch, places: NDArray[np.intp], excluded: NDArray[np.bool_], prior: FloatArray, unknown: FloatArray
-) -> tuple[NDArray, ...]:
-    """The arguments of `_solve`; the last geometry fills up what is left of a call."""
-    tiles = 1 if len(places) <= TILE else TILES_PER_CALL
-    fill = np.minimum(np.arange(tiles * TILE), len(places) - 1)
-    index = places[fill]
-    root = np.where(batch.in_view[index], 1.0 / np.sqrt(batch.c_int[index]), 0.0)
-    arrays = (
-        batch.design[index] * root[..., None],
-        batch.in_view[index],
-        batch.b_nom[index] * root,
-        batch.c_acc[index] / batch.c_int[index],
-        excluded[fill].swapaxes(1, 2),
-        prior[fill],
-        unknown[fill],
-    )
-    return tuple(
-        np.ascontiguousarray(np.moveaxis(array.reshape(tiles, TILE, *array.shape[1:]), 1, -1)) for array in arrays
-    )
-
-
-def _flat(given: Array) -> NDArray:
-    """(tiles, ..., TILE) as (..., geometries)."""
-    values = np.asarray(given)
-    return np.moveaxis(values, 0, -2).reshape(*values.shape[1:-1], -1)
-
-
-@functools.partial(jax.jit, static_argnames="budget")
-def _solve(
-    design: Array, in_view: Array, bias_ratio: Array, accuracy_ratio: Array, excluded: Array, prior: Array,
-    unknown: Array, *, budget: Budget,
-) -> Levels:  # fmt: skip
-    """The levels of tiles of geometries, which run along the last axis.
-
-    Args:
-        design: (tiles, n, t, g), whitened; in_view: (tiles, n, g).
-        bias_ratio, accuracy_ratio: (tiles, n, g), nominal bias over sigma, accuracy over integrity variance.
-        excluded: (tiles, n, m, g); prior: (tiles, m, g); unknown: (tiles, g), what no mode covers.
-    """
-
-    def one_tile(tile: tuple[Array, ...]) -> Levels:
-        rows, seen, bias, accuracy, out, p, p_not_monitored = tile
-        whole, modes = fit_subsets(rows, seen, out, bias, accuracy)
-        return solve_levels(whole, modes, p, p_not_monitored, budget)
-
-    return jax.lax.map(one_tile, (design, in_view, bias_ratio, accuracy_ratio, excluded, prior, unknown))
+def _modes_over_exposure(
+    batch: Batch, budget: Budget, excludes: bool, order: str
+) -> tuple[list[FaultModes], NDArray[np.intp]]:
+    """The same of v4.2."""
+    clocks, first, pattern = _patterns(batch, batch.p_sat, batch.r_sat_per_h)
+    p_sat = batch.p_sat + batch.r_sat_per_h * budget.exposure_h
+    p_const = {letter: p + batch.r_const_per_h[letter] * budget.exposure_h for letter, p in batch.p_const.items()}
+    for field, p in (("p_sat", p_sat.max()), *((f"p_const[{letter!r}]", p) for letter, p in p_const.items())):
+        if p >= 1.0:
+            raise InputError(
+                f"{field}: over an exposure of {budget.exposure_h:g} h its prior is {p:.3g}; below 1 is needed."
+            )
+    found = [
+        exposure_modes(
+            batch.systems[k].tolist(), clocks[k], (batch.p_sat[k], p_sat[k]), (batch.p_const, p_const), budget,
+            excludes=excludes, order=order,
+        )
+        for k in first
+    ]  # fmt: skip
+    return found, pattern

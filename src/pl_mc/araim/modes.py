@@ -56,12 +56,20 @@ class FaultModes:
         probability: (modes,), prior of each; for ``contained`` with its share of the combinations that it holds.
         p_no_fault: prior of no fault at all.
         p_not_monitored: prior of everything else.
+        exposure: (modes,), prior of each over the exposure, where it is another one (v4.2); the sum of one then holds
+            with these, and of no fault over the exposure.
     """
 
     excluded: NDArray[np.bool_]
     probability: NDArray[np.float64]
     p_no_fault: float
     p_not_monitored: float
+    exposure: NDArray[np.float64] | None = None
+
+    @property
+    def over_exposure(self) -> NDArray[np.float64]:
+        """(modes,), the prior of each over the exposure."""
+        return self.probability if self.exposure is None else self.exposure
 
 
 def lone_satellites(clocks: NDArray[np.bool_]) -> NDArray[np.bool_]:

@@ -15,7 +15,7 @@ import cyclopts
 from cyclopts import App
 
 import pl_mc
-from pl_mc.cli import drafting, reading, running
+from pl_mc.cli import conforming, drafting, reading, running
 from pl_mc.input_errors import InputError
 from pl_mc.runtime.stopping import stoppable
 
@@ -47,6 +47,7 @@ app.command(reading.compare)
 app.command(running.observe)
 app.command(running.merge)
 app.command(running.bench)
+app.command(conforming.conform)
 app.register_install_completion_command()
 
 

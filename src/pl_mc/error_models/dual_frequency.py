@@ -13,6 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pl_mc.constants import FREQUENCY_L1_HZ, FREQUENCY_L5_HZ
+from pl_mc.error_models.airborne import multipath_sigma_m
 from pl_mc.error_models.atmosphere import ZENITH_TROPOSPHERE_M, troposphere_sigma_m
 from pl_mc.error_models.base import FromVariance, Scale, Sky, require_options
 from pl_mc.input_errors import InputError, nearest, shown
@@ -58,7 +59,7 @@ class DualFrequency(FromVariance):
                 f"error model 'dual_frequency': a Galileo satellite is at {low.min():.4g} deg, and its table begins at "
                 f"{_GALILEO_DEG[0]:g} deg; mask_deg: nearest: {_GALILEO_DEG[0]:g}."
             )
-        multipath_m = 0.13 + 0.53 * np.exp(-degrees / 10.0)
+        multipath_m = multipath_sigma_m(sky.elevation_rad)
         noise_m = 0.15 + 0.43 * np.exp(-degrees / 6.9)
         galileo_m = np.interp(degrees, _GALILEO_DEG, _GALILEO_M)
         return np.where(orbit == "GAL", galileo_m, _L1_L5 * np.hypot(multipath_m, noise_m))

@@ -1,8 +1,7 @@
 """The record of an integrity support message.
 
-Source: ARAIM Algorithm Description Document v3.0, Working Group C, 2017, table of ISM parameters. Fields are
-optional, since each use needs some of them and says so where one is missing; what later versions add (fault rates,
-durations) finds its place beside them.
+Source: ARAIM Algorithm Description Document v3.0, Working Group C, 2017, table of ISM parameters; rates and durations
+as of v4.2. Fields are optional, since each use needs some of them and says so where one is missing.
 """
 
 from __future__ import annotations
@@ -25,7 +24,10 @@ Given = float | Mapping[str, float] | None
 EVERY = ""
 
 # Smaller priors than this are none, see `pl_mc.araim.modes`; larger lengths are slips of the unit.
-LEAST_PRIOR, MOST_M = 1e-100, 1e9
+LEAST_PRIOR, MOST_M, MOST_PER_H, MOST_H = 1e-100, 1e9, 1.0, 1e6
+
+# Priors, and the rates and durations whose products they are.
+_PRODUCTS = (("p_sat", "r_sat_per_h", "mfd_sat_h"), ("p_const", "r_const_per_h", "mfd_const_h"))
 
 
 @dataclass(frozen=True)
@@ -43,11 +45,15 @@ class Ism:
         b_nom_m: largest nominal bias [m].
         p_sat: prior probability of a fault of the satellite.
         p_const: prior probability of a fault of the constellation; its satellites have one.
+        b_acc_m: largest nominal bias for continuity, in the thresholds of ARAIM v4.2 [m].
+        r_sat_per_h, mfd_sat_h: rate of faults of the satellite and how long one lasts on average [1/h, h]. Of these
+            two and p_sat, their product, two may be given.
+        r_const_per_h, mfd_const_h: the same of the constellation and p_const.
         name: what it is called in names of methods.
 
     Raises:
         InputError: a satellite or constellation that does not exist, a length that is negative or not finite, a
-            probability outside [0, 1), or two for one constellation.
+            probability outside [0, 1), two for one constellation, or a prior beside its rate and duration.
     """
 
     sigma_ura_m: Any = None
@@ -55,6 +61,11 @@ class Ism:
     b_nom_m: Any = None
     p_sat: Any = None
     p_const: Any = None
+    b_acc_m: Any = None
+    r_sat_per_h: Any = None
+    mfd_sat_h: Any = None
+    r_const_per_h: Any = None
+    mfd_const_h: Any = None
     name: str = "own"
     source: str = dataclasses.field(default="ism", compare=False, repr=False)
 
@@ -64,8 +75,17 @@ class Ism:
         for field in FIELDS:
             if (given := getattr(self, field)) is not None:
                 object.__setattr__(self, field, _pairs(f"{self.source}: {field}", given, RULES[field]))
-        if self.p_const is not None:
-            object.__setattr__(self, "p_const", _by_constellation(f"{self.source}: p_const", self.p_const))
+        for field in ("p_const", "r_const_per_h", "mfd_const_h"):
+            if (pairs := getattr(self, field)) is not None:
+                object.__setattr__(self, field, _by_constellation(f"{self.source}: {field}", pairs))
+        for prior, *parts in _PRODUCTS:
+            if all(getattr(self, field) is not None for field in (prior, *parts)):
+                raise InputError(
+                    f"{self.source}: {prior}: it is {parts[0]} times {parts[1]}, which are given; two of the three are "
+                    "needed."
+                )
+            for letter, p in self._found(prior).items():
+                RULES[prior].checked(f"{self.source}: {prior}: {letter}", p)
         if all(getattr(self, field) is None for field in FIELDS):
             raise InputError(f"{self.source}: it says nothing; at least one of {', '.join(FIELDS)} is needed.")
 
@@ -74,8 +94,8 @@ class Ism:
         return self.name
 
     def has(self, field: str) -> bool:
-        """Whether it says anything of a field."""
-        return getattr(self, field) is not None
+        """Whether it says anything of a field, be it by two others."""
+        return bool(self._found(field))
 
     def with_field(self, *fields: str) -> Ism:
         """The same ISM, after a check that it has these fields."""
@@ -122,26 +142,42 @@ class Ism:
         return tuple(name for name in self._pairs(field) if len(name) > 1)
 
     def _pairs(self, field: str) -> dict[str, float]:
-        pairs = getattr(self, field)
-        if pairs is None:
+        pairs = self._found(field)
+        if not pairs:
             there = ", ".join(other for other in FIELDS if self.has(other))
             raise InputError(f"{self.source}: {field}: it is needed here, and the ISM has none (it has {there}).")
-        return dict(pairs)
+        return pairs
+
+    def _found(self, field: str) -> dict[str, float]:
+        """The values by name; of a prior also its rate times its duration, of a rate the prior over the duration."""
+        if (given := getattr(self, field)) is not None:
+            return dict(given)
+        for prior, rate, duration in _PRODUCTS:
+            sign = {prior: 1, rate: -1}.get(field)
+            first, second = getattr(self, rate if field == prior else prior), getattr(self, duration)
+            if sign is None or first is None or second is None:
+                continue
+            first, second = dict(first), dict(second)
+            pairs = {key: (_value(first, key, key[:1]), _value(second, key, key[:1])) for key in (*first, *second)}
+            return {key: a * b**sign for key, (a, b) in pairs.items() if a is not None and b is not None}
+        return {}
 
 
 @dataclass(frozen=True)
 class Rule:
-    """What a value may be: from 0 to below ``below``, or to ``most``."""
+    """What a value may be: from 0, or above it where ``positive``, to below 1, or to ``most``."""
 
     what: str
     most: float | None = None
+    positive: bool = False
 
     def checked(self, where: str, value: Any) -> float:
         """The value as a float, or an `InputError` with the nearest one."""
         number = require_number(value, field=where)
         most = self.most
-        if number < 0 or (most is None and number >= 1) or (most is not None and number > most):
-            close = "0" if number < 0 else "below 1" if most is None else f"{most:g}"
+        low = number <= 0 if self.positive else number < 0
+        if low or (most is None and number >= 1) or (most is not None and number > most):
+            close = ("above 0" if self.positive else "0") if low else "below 1" if most is None else f"{most:g}"
             raise InputError(f"{where}: {shown(value)} cannot be used; {self.what} (nearest: {close}).")
         if most is None and 0 < number < LEAST_PRIOR:
             raise InputError(f"{where}: {shown(value)} cannot be used; {self.what} (nearest: 0 or {LEAST_PRIOR:g}).")
@@ -151,12 +187,18 @@ class Rule:
 _LENGTH = f"is zero or more, up to {MOST_M:g} m"
 _SIGMA = Rule(f"a standard deviation {_LENGTH}", most=MOST_M)
 _PRIOR = Rule("a prior probability lies between 0 and 1, 1 excluded")
+_RATE, _TIME = f"is zero or more, up to {MOST_PER_H:g} an hour", f"is above zero, up to {MOST_H:g} h"
 RULES = {
     "sigma_ura_m": _SIGMA,
     "sigma_ure_m": _SIGMA,
     "b_nom_m": Rule(f"a nominal bias is the largest size of an error and {_LENGTH}", most=MOST_M),
     "p_sat": _PRIOR,
     "p_const": _PRIOR,
+    "b_acc_m": Rule(f"a nominal bias is the largest size of an error and {_LENGTH}", most=MOST_M),
+    "r_sat_per_h": Rule(f"a rate of faults {_RATE}", most=MOST_PER_H),
+    "mfd_sat_h": Rule(f"the mean duration of a fault {_TIME}", most=MOST_H, positive=True),
+    "r_const_per_h": Rule(f"a rate of faults {_RATE}", most=MOST_PER_H),
+    "mfd_const_h": Rule(f"the mean duration of a fault {_TIME}", most=MOST_H, positive=True),
 }
 FIELDS = tuple(RULES)
 

@@ -17,7 +17,8 @@ from numpy.typing import NDArray
 
 from pl_mc.araim.compiled_modes import compiled_modes
 from pl_mc.araim.levels import protection_levels
-from pl_mc.araim.solving import Subsets, Whole, fit_subsets, solve_levels
+from pl_mc.araim.risk_equations import Priors, figures, solve_levels
+from pl_mc.araim.solving import Subsets, Whole, fit_subsets
 from pl_mc.arrays import FloatArray
 from pl_mc.geometry.record import EAST, NORTH, UP
 from pl_mc.input_errors import require_positive
@@ -132,9 +133,8 @@ class Araim(Monitoring):
         levels = solve_levels(
             jax.tree.map(lambda leaf: leaf[0], whole),
             Subsets(subsets.difference, sigma, bias, separation, subsets.regular.reshape(blocks * width, 1)),
-            probability.reshape(blocks * width, 1),
-            modes.p_not_monitored[None],
-            self.budget,
+            Priors(probability.reshape(blocks * width, 1), modes.p_not_monitored[None]),
+            figures(self.budget, blocks * width),
         )
         available = model.determined & levels.available[0]
         level = jnp.where(available, levels.level_m[:, 0], jnp.inf)

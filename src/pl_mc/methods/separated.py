@@ -32,7 +32,7 @@ import jax.numpy as jnp
 from jax import Array
 
 from pl_mc.araim.compiled_modes import compiled_modes
-from pl_mc.araim.solving import protection_level
+from pl_mc.araim.risk_equations import protection_level
 from pl_mc.input_errors import InputError, require_choice, require_number
 from pl_mc.kernels import LeastSquaresSolution, LinearModel
 from pl_mc.kernels.linear_model import COORDINATES, product
