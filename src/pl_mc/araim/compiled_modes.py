@@ -64,21 +64,22 @@ class Priors:
     unmonitored: str
     ism: Ism | None = None
 
-    def events(self, model: LinearModel) -> Events:
-        """What can fail among the rows of a model."""
+    def events(self, model: LinearModel, *, lone: bool = False, exposure_h: float = 0.0) -> Events:
+        """What can fail among the rows of a model, within an exposure; those alone in their clock too if ``lone``."""
         seen = model.in_view > 0
-        member = _members(model)
+        member = members(model)
         # The only satellite of a clock decides that clock and nothing else.
-        counts = seen & ~jnp.any(member & (jnp.sum(member, axis=0, keepdims=True) == 1), axis=1)
+        alone = jnp.any(member & (jnp.sum(member, axis=0, keepdims=True) == 1), axis=1)
+        counts = seen if lone else seen & ~alone
         dtype = model.design.dtype
         if self.ism is None:
             satellites, groups = jnp.asarray(self.p_sat, dtype), member.T & counts[None]
             constellations = jnp.full(groups.shape[0], self.p_const, dtype)
         else:
             codes = codes_of_rows(model)
-            satellites = jnp.asarray(self.of("p_sat"), dtype)[codes]
+            satellites = jnp.asarray(self.within("p_sat", exposure_h), dtype)[codes]
             groups = (codes // EACH == jnp.arange(len(LETTERS), dtype=codes.dtype)[:, None]) & counts[None]
-            constellations = jnp.asarray(self.of("p_const")[::EACH], dtype)
+            constellations = jnp.asarray(self.within("p_const", exposure_h)[::EACH], dtype)
         there = jnp.any(groups, axis=1)
         return Events(jnp.where(counts, satellites, 0.0), groups, jnp.where(there, constellations, 0.0))
 
@@ -86,6 +87,13 @@ class Priors:
         """(CODES,), a prior by the codes of satellites."""
         own = getattr(self, field)
         return self.ism.table(field) if self.ism is not None and self.ism.has(field) else np.full(CODES, own)
+
+    def within(self, field: str, exposure_h: float) -> np.ndarray:
+        """The same, of a fault that is there at some time of an exposure."""
+        if exposure_h == 0.0 or self.ism is None:
+            return self.of(field)
+        rate = {"p_sat": "r_sat_per_h", "p_const": "r_const_per_h"}[field]
+        return self.of(field) + exposure_h * self.ism.table(rate)
 
     def constellations(self, clocks: int) -> int:
         """Number of constellations that have a place."""
@@ -133,7 +141,7 @@ def _odds(p: float) -> float:
     return p / (1.0 - p)
 
 
-def _members(model: LinearModel) -> Array:
+def members(model: LinearModel) -> Array:
     """(n, clocks), which rows in view observe each clock."""
     return (model.design[:, COORDINATES:] != 0) & (model.in_view > 0)[:, None]
 
@@ -148,11 +156,13 @@ class CompiledModes:
         probability: (modes,), prior of each monitored one with its share of what it holds; zero for those that are
             not monitored.
         p_not_monitored: (), prior of what is in none.
+        exposure: (modes,), prior of each over the exposure; None in v3.0.
     """
 
     excluded: Array
     probability: Array
     p_not_monitored: Array
+    exposure: Array | None = None
 
 
 def compiled_modes(model: LinearModel, priors: Priors) -> CompiledModes:
@@ -171,8 +181,8 @@ def compiled_modes(model: LinearModel, priors: Priors) -> CompiledModes:
     # A combination is held by a mode if none of its satellites is outside of the mode.
     outside = product(excluded.astype(dtype), (~excluded[:candidates]).T.astype(dtype))
     holds = (outside == 0) & (prior > 0)[:, None]
-    left_over = _three_or_more(p)
-    solvable = _solvable(excluded[:candidates], model.in_view > 0, _members(model))
+    left_over = three_or_more(p)
+    solvable = solvable_modes(excluded[:candidates], model.in_view > 0, members(model))
     limit, contained = priors.p_threshold, priors.unmonitored == CONTAINED
     group = _groups(prior[:candidates], np.arange(candidates) >= len(p))
 
@@ -218,7 +228,7 @@ def _groups(prior: Array, pair: np.ndarray) -> Array:
     return jnp.where(prior > 0, jnp.zeros(prior.shape, jnp.int32).at[order].set(number), -1)
 
 
-def _three_or_more(p: Array) -> Array:
+def three_or_more(p: Array) -> Array:
     """Prior of three faults or more of independent events (events,); all terms are positive."""
 
     def add(faults: Array, one: Array) -> tuple[Array, None]:
@@ -228,7 +238,7 @@ def _three_or_more(p: Array) -> Array:
     return jax.lax.scan(add, jnp.asarray([1.0, 0.0, 0.0, 0.0], p.dtype), p)[0][3]
 
 
-def _solvable(excluded: Array, seen: Array, member: Array) -> Array:
+def solvable_modes(excluded: Array, seen: Array, member: Array) -> Array:
     """(modes,), whether at least as many satellites as unknowns are left."""
     kept = seen[None] & ~excluded
     clocks = product(kept.astype(jnp.float32), member.astype(jnp.float32)) > 0

@@ -34,6 +34,7 @@ from pl_mc.runtime.precision import dtype_of, precision_scope
 _EPOCHS_AT_ONCE = 512
 
 OUTCOME_COLUMNS = ("east_m", "north_m", "up_m", "hpl_m", "vpl_m", "available", "alarm", "unconverged", "tied")
+EXCLUDED = "excluded"
 
 _block_outcomes = jax.jit(block_outcomes, static_argnames=("noise_model",))
 
@@ -60,6 +61,7 @@ def sample(
     Returns:
         One row per epoch, fault, method and draw: ``epoch, fault, bias_m, method, draw, east_m, north_m, up_m,
         hpl_m, vpl_m, available, alarm, unconverged, tied``. Numbers are missing where a method is not available.
+        Where a method says which satellite it has excluded there is a column ``excluded`` too, empty for none.
     """
     alert = require_inputs(g, faults, alert, any_axis=True, drawn=True)
     axis = as_axis(axis, alert)
@@ -87,10 +89,11 @@ def sample(
             }
             # Components of the error stand between the fault axis and the lanes.
             moved = replace(outcome, error_m=np.moveaxis(outcome.error_m, 2, 0))
-            parts.append(pd.DataFrame(keys | _columns(moved, alert, axis, (..., *scenario))))
+            columns = _columns(moved, alert, axis, (..., *scenario))
+            parts.append(pd.DataFrame(keys | columns | _excluded(plan.geometry, plan.epochs[row], outcome, scenario)))
     if not parts:
         return pd.DataFrame(columns=["epoch", "fault", "bias_m", "method", "draw", *OUTCOME_COLUMNS])
-    return pd.concat(parts, ignore_index=True)
+    return _together(parts)
 
 
 @ordinary_arithmetic
@@ -117,7 +120,7 @@ def solve(
     Returns:
         One row per epoch and method: ``epoch, time_gps_s, method, satellites, east_m, north_m, up_m, hpl_m, vpl_m,
         available, alarm, unconverged, tied``. Numbers are missing where a method is not available; ``unconverged``
-        and ``tied`` are those of `pl_mc.kernels.events`.
+        and ``tied`` are those of `pl_mc.kernels.events`; ``excluded`` is that of `pl_mc.sample`.
     """
     alert = require_geometry_and_alert(g, alert, any_axis=True)
     axis = as_axis(axis, alert)
@@ -146,8 +149,9 @@ def solve(
         }
         moved = replace(outcome, error_m=outcome.error_m.T)
         verdict = {"rejected": outcome.available & outcome.rejects} if tests else {}
-        parts.append(pd.DataFrame(keys | _columns(moved, alert, axis) | verdict))
-    return pd.concat(parts).sort_values("epoch", kind="stable").reset_index(drop=True)
+        out = _excluded(series, np.arange(count), outcome)
+        parts.append(pd.DataFrame(keys | _columns(moved, alert, axis) | verdict | out))
+    return _together(parts).sort_values("epoch", kind="stable").reset_index(drop=True)
 
 
 @jax.jit
@@ -178,3 +182,17 @@ def _columns(outcome: Outcome, alert: AlertLimits, axis: str, chosen: tuple = (.
     flags = (alarms(outcome, limits, axis), unconverged(outcome), tied(outcome))
     values += [available, *map(np.asarray, flags)]
     return dict(zip(OUTCOME_COLUMNS, values, strict=True))
+
+
+def _excluded(series: Geometry, place: NDArray, outcome: Outcome, chosen: tuple = (...,)) -> dict[str, NDArray]:
+    """Names of the satellites that were left out at epochs of these places; nothing of a method that does not say."""
+    if outcome.excluded is None:
+        return {}
+    row = np.asarray(outcome.excluded)[chosen]
+    name = np.array(series.names, dtype=object)[series.satellite[place, np.maximum(row, 0)]]
+    return {EXCLUDED: np.where(row >= 0, name, "")}
+
+
+def _together(parts: list[pd.DataFrame]) -> pd.DataFrame:
+    table = pd.concat(parts, ignore_index=True)
+    return table.fillna({EXCLUDED: ""}) if EXCLUDED in table else table

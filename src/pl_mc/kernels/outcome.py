@@ -24,6 +24,7 @@ class Outcome:
         rejects: (...), whether the method's own test rejects the scenario; all False for methods without a test.
         change_m: (...), largest change of a position component in the last iteration [m]; None without iterations.
         tied: (...), whether satellites that no residual tells apart share a weight below one; None without weights.
+        excluded: (...), the row that was left out, -1 for none; None of methods that do not say.
     """
 
     error_m: Array
@@ -33,6 +34,7 @@ class Outcome:
     rejects: Array
     change_m: Array | None = None
     tied: Array | None = None
+    excluded: Array | None = None
 
 
 @runtime_checkable
