@@ -207,7 +207,7 @@ def test_each_test_has_its_share_of_the_false_alerts():
     rng = np.random.default_rng(4)
     design, sigma, observed, in_view, _, place = padded(rng, (6, 5))
     model, prepared, _ = prepared_and_outcome(Araim(), design, sigma, observed, in_view)
-    gain, limit = np.asarray(prepared.gain[0]), np.asarray(prepared.limit_m[0])
+    gain, limit = np.asarray(prepared.whole.gain[0]), np.asarray(prepared.whole.limit_m[0])
     live = np.isfinite(limit)
     assert live.sum() == 3 * (len(place) + 2)
     hat = np.asarray(model.design) @ np.asarray(model.gain)

@@ -110,7 +110,7 @@ def test_thresholds_have_the_variance_of_accuracy(series):
     )  # fmt: skip
     np.testing.assert_allclose(found.threshold_m, explicit.threshold_m, rtol=1e-12)
     kept, _ = prepared(g.design, g.sigma_m, codes_of(g.names, g.systems), of=Araim(ism=OURS))
-    limits = np.asarray(kept.limit_m)[np.isfinite(kept.limit_m)]
+    limits = np.asarray(kept.whole.limit_m)[np.isfinite(kept.whole.limit_m)]
     theirs = explicit.threshold_m[np.isfinite(explicit.threshold_m)]
     np.testing.assert_allclose(np.sort(limits), np.sort(theirs), rtol=1e-8, atol=1e-12)
 
