@@ -2,9 +2,11 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import dataclass
+from typing import Any
 
-from pl_mc.input_errors import InputError, require_number, require_positive, shown
+from pl_mc.input_errors import InputError, require_choice, require_number, require_positive, shown
 
 # Fields that hold a probability of their own.
 PROBABILITIES = (
@@ -133,3 +135,30 @@ RNP_V42 = Budget(
     sigma_acc_vertical_m=10.0,
     sigma_acc_horizontal_m=60.0,
 )
+
+BUDGETS = {budget.name: budget for budget in (LPV_200, LPV_200_V42, RNP_V42)}
+
+
+def as_budget(given: Any, *, field: str = "budget") -> Budget:
+    """A budget from a record, the name of one of those above, or a table of fields.
+
+    Raises:
+        InputError: what is none of these, an unknown name or field, a field that is missing or cannot be used.
+    """
+    if isinstance(given, Budget):
+        return given
+    if isinstance(given, str):
+        require_choice(given, BUDGETS, field=field)
+        return BUDGETS[given]
+    if not isinstance(given, Mapping):
+        raise InputError(
+            f"{field}: a budget such as pl_mc.araim.LPV_200, its name or a table of its fields is needed, not "
+            f"{shown(given)}."
+        )
+    known = list(Budget.__dataclass_fields__)
+    for key in given:
+        require_choice(key, known, field=field)
+    for key in ("name", *PROBABILITIES):
+        if key not in given:
+            raise InputError(f"{field}: {key} is missing (nearest: the name of a budget, {', '.join(BUDGETS)}).")
+    return Budget(**given)

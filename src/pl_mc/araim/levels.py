@@ -14,7 +14,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from pl_mc.araim.batch import Batch, as_batch
-from pl_mc.araim.budget import LPV_200, LPV_200_V42, Budget
+from pl_mc.araim.budget import LPV_200, LPV_200_V42, Budget, as_budget
 from pl_mc.araim.exclusion import EXCLUSIONS, candidates, positions_after
 from pl_mc.araim.exposure_modes import LISTED, ORDERS, exposure_modes
 from pl_mc.araim.modes import CONTAINED, UNMONITORED, FaultModes, fault_modes
@@ -40,7 +40,7 @@ def protection_levels(
     b_nom: ArrayLike | None = None,
     p_sat: ArrayLike | None = None,
     p_const: Mapping[str, float] | None = None,
-    budget: Budget | None = None,
+    budget: Budget | str | None = None,
     unmonitored: str | None = None,
     *,
     in_view: ArrayLike | None = None,
@@ -67,7 +67,8 @@ def protection_levels(
         b_nom: largest nominal bias [m], one number, (n,) or (g, n).
         p_sat: prior probability of a fault of each satellite, one number, (n,) or (g, n).
         p_const: prior probability of a fault of each constellation, by letter.
-        budget: the operation's risks; `pl_mc.araim.LPV_200`, or for v4.2 `pl_mc.araim.LPV_200_V42`, unless given.
+        budget: the operation's risks, or the name of a budget that pl_mc has; `pl_mc.araim.LPV_200`, or for v4.2
+            `pl_mc.araim.LPV_200_V42`, unless given.
         unmonitored: v3 alone, what counts as not monitored. ``plain``: every combination of faults without a test of
             its own. ``contained``, unless given: of these only the combinations whose satellites no monitored mode
             holds together; the others add to the prior of the mode that holds them.
@@ -95,7 +96,7 @@ def protection_levels(
             be monitored.
     """
     require_choice(standard, STANDARDS, field="standard")
-    budget = (LPV_200 if standard == V3 else LPV_200_V42) if budget is None else budget
+    budget = (LPV_200 if standard == V3 else LPV_200_V42) if budget is None else as_budget(budget)
     _require_effect(standard, budget, unmonitored, exclusion, estimator, order, modes)
     batch = as_batch(design, c_int, c_acc, systems, b_nom, p_sat, p_const, budget, in_view, ism, names, noise_m2)
     if modes is not None:
@@ -154,7 +155,7 @@ def _after_exclusions(
 
 
 def _require_effect(
-    standard: str, budget: Any, unmonitored: str | None, exclusion: str | None, estimator: str, order: str | None,
+    standard: str, budget: Budget, unmonitored: str | None, exclusion: str | None, estimator: str, order: str | None,
     modes: Any,
 ) -> None:  # fmt: skip
     """Raise `InputError` for options that cannot be used, or that this standard would ignore."""
@@ -164,8 +165,6 @@ def _require_effect(
     ):  # fmt: skip
         if value is not None:
             require_choice(value, choices, field=field)
-    if not isinstance(budget, Budget):
-        raise InputError(f"budget: a budget such as pl_mc.araim.LPV_200 is needed, not {shown(budget)}.")
     if standard == V42:
         if unmonitored is not None:
             raise InputError("unmonitored: it belongs to standard 'v3'; 'v4.2' has the consolidation of its budget.")

@@ -291,11 +291,7 @@ class Araim(Monitoring):
             change = self._said("sigma_ure_m", model) ** 2 - self._said("sigma_ura_m", model) ** 2
             accuracy = jnp.maximum(1.0 + change * root**2, 0.0)
         return fit_subsets(
-            model.design[..., None],
-            seen[:, None],
-            excluded.T[..., None],
-            (bias_m * root)[:, None],
-            accuracy[:, None],
+            model.design[..., None], seen[:, None], excluded.T[..., None], (bias_m * root)[:, None], accuracy[:, None]
         )
 
     def _nothing(self, model: LinearModel, seen: Array, excluded: Array) -> tuple[Whole, Subsets]:

@@ -10,7 +10,7 @@ import jax.numpy as jnp
 import numpy as np
 from jax import Array
 
-from pl_mc.araim.budget import LPV_200, Budget
+from pl_mc.araim.budget import LPV_200, Budget, as_budget
 from pl_mc.araim.compiled_modes import Priors, codes_of_rows
 from pl_mc.araim.modes import CONTAINED, UNMONITORED
 from pl_mc.geometry.record import Geometry
@@ -32,7 +32,8 @@ class Monitoring(Named, ABC):
     Attributes:
         p_sat, p_const: prior of a fault of each satellite and of each constellation.
         b_nom_m: largest nominal bias of each satellite, in the levels alone; the sweep draws none [m].
-        budget: the operation's risks.
+        budget: the operation's risks: a `pl_mc.araim.Budget`, a table of its fields, or the name of one that pl_mc has
+            (``LPV-200``, ``LPV-200 v4.2``, ``RNP v4.2``).
         unmonitored: ``contained`` or ``plain``, as for `pl_mc.araim.protection_levels`.
         ism: an integrity support message, `pl_mc.araim.Ism`, a table of its fields or the path of a CSV file, which
             says of each satellite or constellation what the options above say of all, as far as it has it. Where it
@@ -58,10 +59,7 @@ class Monitoring(Named, ABC):
                 )
         if require_number(self.b_nom_m, field=f"{self.key}: b_nom_m") < 0:
             raise InputError(f"{self.key}: b_nom_m: a nominal bias is not negative, as {self.b_nom_m!r} is.")
-        if not isinstance(self.budget, Budget):
-            raise InputError(
-                f"{self.key}: budget: a budget such as pl_mc.araim.LPV_200 is needed, not {self.budget!r}."
-            )
+        object.__setattr__(self, "budget", as_budget(self.budget, field=f"{self.key}: budget"))
         require_choice(self.unmonitored, UNMONITORED, field=f"{self.key}: unmonitored")
         if self.ism is not None:
             object.__setattr__(self, "ism", as_ism(self.ism, field=f"{self.key}: ism"))

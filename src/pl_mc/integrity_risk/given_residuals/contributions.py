@@ -250,13 +250,23 @@ class LevelRisk:
         """Share of alarms without a fault at k times the level, by the weights of the draws."""
         return float(self.free.weight @ self.free.alarms(k, limit_m)[0] / self.free.weight.sum())
 
-    def alarm_rates(self, k: float, limit_m: float, sizes_m: FloatArray, draws: int) -> FloatArray:
-        """(sizes, n), share of draws that alarm at k times the level under each size on each satellite [m]."""
+    def rates_under_faults(
+        self, k: float, limit_m: float, sizes_m: FloatArray, draws: int
+    ) -> tuple[FloatArray, FloatArray, FloatArray]:
+        """Shares of draws at k times the level under each size on each satellite [m], each (sizes, n).
+
+        They are alarms, and exclusions of the faulted satellite and of another one that go on without an alarm.
+        """
         n = self.prior.size
         bias = np.repeat(self.nominal_m[:1], len(sizes_m) * n, axis=0).reshape(len(sizes_m), n, n)
         bias[:, np.arange(n), np.arange(n)] += sizes_m[:, None]
-        alarms = self._drawn(bias.reshape(-1, n), draws, _LAST).alarms(k, limit_m)
-        return alarms.mean(axis=1).reshape(len(sizes_m), n)
+        drawn = self._drawn(bias.reshape(-1, n), draws, _LAST)
+        alarms, faulted = drawn.alarms(k, limit_m), np.tile(np.arange(n), len(sizes_m))[:, None]
+        right, wrong = drawn.excluded == faulted, (drawn.excluded >= 0) & (drawn.excluded != faulted)
+        alarm, found, missed = (
+            event.mean(axis=1).reshape(len(sizes_m), n) for event in (alarms, right & ~alarms, wrong & ~alarms)
+        )
+        return alarm, found, missed
 
     def multiplier(self, z: float) -> tuple[Contributions | None, float, float]:
         """Where the analysed modes take what the budget leaves, with bounds at ``z`` standard errors; None for nowhere.

@@ -118,6 +118,7 @@ class Drawn:
         level_m: (faults, draws), protection level [m].
         silent: (faults, draws), whether there is a solution that the method's own test does not reject.
         unsettled: (faults, draws), whether the last iteration still moved the position by more than 1 cm.
+        excluded: (faults, draws), the row that was left out, -1 for none.
         weight: (draws,), of each draw, mean 1 over many; 1 where residuals were drawn as they are distributed.
     """
 
@@ -125,6 +126,7 @@ class Drawn:
     level_m: FloatArray
     silent: NDArray[np.bool_]
     unsettled: NDArray[np.bool_]
+    excluded: NDArray[np.int16]
     weight: FloatArray
 
     def beyond(self, k: float, parts: EpochParts) -> FloatArray:
@@ -150,38 +152,42 @@ def draw(
     methods, components = as_trees((method,)), len(parts.covariance_m2)
     mean, level = np.empty((faults * tiles, components, _TILE)), np.empty((faults * tiles, _TILE))
     flags = np.empty((2, faults * tiles, _TILE), bool)
+    excluded = np.empty((faults * tiles, _TILE), np.int16)
     with precision_scope("float64"):
         for start in range(0, faults * tiles, _TILES_PER_CALL):
             case = np.arange(start, min(start + _TILES_PER_CALL, faults * tiles))
             fault, tile = np.divmod(np.resize(case, _TILES_PER_CALL), tiles)
             found = _solved(*arrays, lanes[tile], bias_m[fault], methods, axis=parts.axis)
-            for whole, values in zip((mean, level, *flags), found, strict=True):
+            for whole, values in zip((mean, level, *flags, excluded), found, strict=True):
                 whole[case] = np.asarray(values)[: case.size]
     mean = np.moveaxis(mean.reshape(faults, tiles, components, _TILE), 2, 3)
     mean = mean.reshape(faults, tiles * _TILE, components)[:, :draws]
-    level, silent, unsettled = (value.reshape(faults, tiles * _TILE)[:, :draws] for value in (level, *flags))
-    return Drawn(mean, level, silent, unsettled, np.ones(draws) if weight is None else weight)
+    level, silent, unsettled, left_out = (
+        value.reshape(faults, tiles * _TILE)[:, :draws] for value in (level, *flags, excluded)
+    )
+    return Drawn(mean, level, silent, unsettled, left_out, np.ones(draws) if weight is None else weight)
 
 
 @functools.partial(jax.jit, static_argnames=("axis",))
 def _solved(
     design: Array, sigma_m: Array, in_view: Array, satellite: Array | None, noise: Array, bias_m: Array,
     methods: Trees, *, axis: str,
-) -> tuple[Array, Array, Array, Array]:  # fmt: skip
+) -> tuple[Array, ...]:  # fmt: skip
     """Of tiles of noise (tiles, lanes, n), each under a bias (tiles, n): (tiles, k, lanes) and (tiles, lanes)."""
     (method,) = of_trees(methods)
     model = linear_model(design, sigma_m, in_view, satellite=satellite)
     prepared = method.prepare(model)
     components = jnp.asarray((UP,) if axis == VERTICAL else (EAST, NORTH))
 
-    def one(case: tuple[Array, Array]) -> tuple[Array, Array, Array, Array]:
+    def one(case: tuple[Array, Array]) -> tuple[Array, ...]:
         whitened, bias = jnp.where(in_view[:, None], case[0].T, 0.0), case[1]
         outcome = method.solve(model, prepared, start_from(model, whitened * sigma_m[:, None] + bias[:, None]))
         silent = outcome.available & ~outcome.rejects
         own = product(model.gain[components], whitened)
         mean = jnp.where(outcome.available, outcome.error_m[components] - own, 0.0)
         (level,) = levels_of(outcome, axis)
-        return mean, jnp.where(outcome.available, level, jnp.inf), silent, unconverged(outcome)
+        excluded = jnp.full(level.shape, -1, jnp.int32) if outcome.excluded is None else outcome.excluded
+        return mean, jnp.where(outcome.available, level, jnp.inf), silent, unconverged(outcome), excluded
 
     return jax.lax.map(one, (noise, bias_m))
 

@@ -29,7 +29,7 @@ from pl_mc.runtime.progress import with_progress
 from pl_mc.runtime.threads import in_order
 from pl_mc.studies.frontier.figures import frontier_figure, multiplier_figure
 from pl_mc.studies.frontier.record import FrontierExperiment, Sky
-from pl_mc.studies.frontier.text import summary
+from pl_mc.studies.frontier.text import EXCLUSION, WRONG_EXCLUSION, of_sizes, summary
 from pl_mc.studies.study import Check, Work
 
 # Draws of each geometry that make up the quantiles of levels, and of alarms under faults.
@@ -71,6 +71,10 @@ def run(experiment: FrontierExperiment, execution: Execution) -> Findings:
     curve = pd.DataFrame([part for row in found for part in row.pop("curve")], columns=of_curves)
     stress = pd.DataFrame([part for row in found for part in row.pop("stress")])
     geometries = pd.DataFrame(found)
+    exclusions = [*of_sizes(experiment, EXCLUSION), *of_sizes(experiment, WRONG_EXCLUSION)]
+    if not geometries.reindex(columns=exclusions).gt(0.0).any(axis=None):
+        # None of the methods excludes.
+        geometries = geometries.drop(columns=exclusions, errors="ignore")
     frontier = over_skies(geometries, levels, experiment, limit_m)
     multipliers = one_number(geometries)
     tables = [Table("frontier", frontier), Table("geometries", geometries)]
@@ -114,13 +118,17 @@ def at_geometry(
         nothing = dict.fromkeys(("k", "k_low", "k_high"), math.inf)
         nothing |= dict.fromkeys((*_TOLD, "unconverged_rate"), math.nan)
         rates = {"alarm_rate": 1.0, "discontinuity": 1.0, "level_m": math.inf}
-        rates |= {f"alarm_rate_{size:g}m": 1.0 for size in experiment.sizes_m}
+        rates |= dict.fromkeys(of_sizes(experiment, "alarm"), 1.0)
+        rates |= dict.fromkeys((*of_sizes(experiment, EXCLUSION), *of_sizes(experiment, WRONG_EXCLUSION)), 0.0)
         return head | nothing | rates | {"kept": False, "worst_fault": ""} | empty
     k, free = found.k, risk.free
     plain = np.s_[0, : risk.plain]
     level = np.where(free.silent[plain], k * free.level_m[plain], np.inf)
     alarm_rate = risk.alarm_rate(k, limit_m)
-    faulty = risk.alarm_rates(k, limit_m, np.array(experiment.sizes_m), _ALARM_DRAWS)[:, : len(g.names)]
+    faulty, right, wrong = (
+        rates[:, : len(g.names)]
+        for rates in risk.rates_under_faults(k, limit_m, np.array(experiment.sizes_m), _ALARM_DRAWS)
+    )
     discontinuity = experiment.independent * alarm_rate + float(risk.shares.single @ faulty.max(axis=0))
     told = columns(g, risk, found, _CONFIDENCE)
     curve = []
@@ -138,7 +146,11 @@ def at_geometry(
             "level_m": float(level[np.isfinite(level)].mean()) if np.isfinite(level).any() else math.inf,
             "alarm_rate": alarm_rate,
         }
-        | {f"alarm_rate_{size:g}m": float(row.mean()) for size, row in zip(experiment.sizes_m, faulty, strict=True)}
+        | {
+            f"{event}_rate_{size:g}m": float(row.mean())
+            for event, rates in (("alarm", faulty), (EXCLUSION, right), (WRONG_EXCLUSION, wrong))
+            for size, row in zip(experiment.sizes_m, rates, strict=True)
+        }
         | {"discontinuity": min(discontinuity, 1.0), "worst_fault": told["worst_fault"]}
         # One that a multiplier was found for takes just what it may.
         | {"kept": scaled or told["kept"]}
@@ -186,7 +198,9 @@ def over_skies(
         row |= {"k_99": part.k.quantile(0.99, interpolation="higher")}
         row |= {"level_mean_m": part.level_m.mean()}
         row |= {f"level_{q}_m": float(np.quantile(drawn, q / 100.0, method="higher")) for q in (95, 99)}
-        row |= {name: part[name].mean() for name in ("alarm_rate", *_of_sizes(experiment), "discontinuity")}
+        row |= {name: part[name].mean() for name in ("alarm_rate", *of_sizes(experiment, "alarm"), "discontinuity")}
+        for event in (EXCLUSION, WRONG_EXCLUSION):
+            row |= {name: part[name].mean() for name in of_sizes(experiment, event) if name in part}
         row |= {f"available_{limit:g}m": float((drawn <= limit).mean()) for limit in (limit_m, *experiment.limits_m)}
         row |= {"risk_mean": part.risk.mean(), "risk_most": part.risk_high.max(), "allowed": part.allowed.mean()}
         row |= {"kept": int(part.kept.sum()), "unconverged_rate": part.unconverged_rate.mean()}
@@ -197,10 +211,6 @@ def over_skies(
         ["sky", "level_mean_m"], key=lambda column: column.map(order) if column.name == "sky" else column,
         kind="stable", ignore_index=True,
     )  # fmt: skip
-
-
-def _of_sizes(experiment: FrontierExperiment) -> tuple[str, ...]:
-    return tuple(f"alarm_rate_{size:g}m" for size in experiment.sizes_m)
 
 
 def one_number(geometries: pd.DataFrame) -> pd.DataFrame:

@@ -15,6 +15,13 @@ from pl_mc.studies.frontier.record import WORLD, FrontierExperiment
 # Orders of magnitude in words of a table.
 _DIGITS = 3
 
+EXCLUSION, WRONG_EXCLUSION = "exclusion", "wrong_exclusion"
+
+
+def of_sizes(experiment: FrontierExperiment, event: str) -> tuple[str, ...]:
+    """The columns of the rate of an event under each size."""
+    return tuple(f"{event}_rate_{size:g}m" for size in experiment.sizes_m)
+
 
 def number(value: float) -> str:
     """Three digits, and words for what is none."""
@@ -57,6 +64,24 @@ def summary(
                 [_row(row, experiment) for row in rows.to_dict("records")],
             ),
         ]  # fmt: skip
+    excluding = [name for name in of_sizes(experiment, EXCLUSION) if name in frontier]
+    if excluding:
+        rows = frontier[frontier[excluding].gt(0.0).any(axis=1)]
+        blocks += [
+            "Exclusions that go on without an alarm: of the faulted satellite / of another one. The rest alarms, or "
+            "passes unnoticed.",
+            TextTable.of(
+                ["sky", "method", *(f"{size:g} m" for size in experiment.sizes_m)],
+                [
+                    [row["sky"], row["method"]]
+                    + [
+                        f"{percent(row[right])} / {percent(row[wrong])} %"
+                        for right, wrong in zip(excluding, of_sizes(experiment, WRONG_EXCLUSION), strict=True)
+                    ]
+                    for row in rows.to_dict("records")
+                ],
+            ),
+        ]
     # A grid of epochs is no random sample.
     random = [sky.name for sky in experiment.skies if sky.site == WORLD]
     if len(multipliers):
