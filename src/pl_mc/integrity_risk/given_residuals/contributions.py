@@ -163,6 +163,10 @@ class LevelRisk:
     def _drawn(self, bias_m: FloatArray, draws: int, purpose: int) -> Drawn:
         return draw(self.parts, self.method, bias_m, self.sigma_factor * self._noise(draws, purpose))
 
+    def event(self, bias_m: FloatArray, draws: int, purpose: int, k: float) -> FloatArray:
+        """(faults, draws), P(event | residuals) at k times the level under biases (faults, n) [m]."""
+        return self._drawn(bias_m, draws, purpose).beyond(k, self.parts)
+
     def _fault_free(self) -> Drawn:
         draws = _FAULT_FREE_TIMES * self.draws
         shares, strengths = np.array(_STRENGTHS).T

@@ -82,6 +82,8 @@ class FrontierExperiment(ByOneLevel):
         sigma_factors: true sigma over that of the model, as what may be wrong.
         biases_m: nominal biases that the multiplier did not know of [m].
         independent: independent samples of an approach, by which alarms add up to discontinuity.
+        besides: ``pairs`` of satellites, ``constellations``: faults that the budget counts as lost, of which the event
+            is estimated all the same, along the direction that residuals show least.
     """
 
     double_alone: ClassVar[bool] = True
@@ -95,6 +97,7 @@ class FrontierExperiment(ByOneLevel):
     sigma_factors: tuple[_Positive, ...] = (1.1, 1.25, 1.5)
     biases_m: tuple[_Positive, ...] = (0.25, 0.75)
     independent: int = Field(default=25, ge=1)
+    besides: tuple[Literal["pairs", "constellations"], ...] = ()
 
     @field_validator("skies")
     @classmethod

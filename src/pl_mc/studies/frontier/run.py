@@ -22,6 +22,7 @@ from pl_mc.input_errors import InputError, require_choice
 from pl_mc.integrity_risk.given_residuals import RiskBudget
 from pl_mc.integrity_risk.given_residuals.contributions import LevelRisk, z_of
 from pl_mc.integrity_risk.given_residuals.level_risk import columns
+from pl_mc.integrity_risk.given_residuals.several import PAIRS, sets_of, several
 from pl_mc.methods import Method
 from pl_mc.methods.capabilities import scales_with_k, with_k
 from pl_mc.report.findings import Findings, Table
@@ -38,7 +39,7 @@ _CONFIDENCE = 0.95
 # Multiples of the multiplier at which the curves of the figure stand.
 FACTORS = (0.7, 0.8, 0.9, 1.0, 1.1, 1.25)
 # Scenarios of an estimate, draws aside, and how many a second on two cores.
-_PER_DRAW, _SCENARIOS_PER_S = 110.0, 1.3e5
+_PER_DRAW, _SCENARIOS_PER_S, _OF_PAIRS = 110.0, 1.3e5, 2_000_000
 
 
 def run(experiment: FrontierExperiment, execution: Execution) -> Findings:
@@ -61,7 +62,7 @@ def run(experiment: FrontierExperiment, execution: Execution) -> Findings:
             g, method, budget, judged.axis, limit_m, experiment, seed=seed, stressed=place < sky.stressed
         )
         key = {"sky": sky.name, "method": method.name}
-        parts = {name: [key | part for part in found.pop(name)] for name in ("curve", "stress")}
+        parts = {name: [key | part for part in found.pop(name)] for name in ("curve", "stress", "besides")}
         return {"sky": sky.name, "geometry": place, "method": method.name} | found | parts
 
     results = in_order(one, items, execution.threads)
@@ -70,6 +71,7 @@ def run(experiment: FrontierExperiment, execution: Execution) -> Findings:
     of_curves = ["sky", "method", "factor", "level_m", "risk"]
     curve = pd.DataFrame([part for row in found for part in row.pop("curve")], columns=of_curves)
     stress = pd.DataFrame([part for row in found for part in row.pop("stress")])
+    besides = pd.DataFrame([part for row in found for part in row.pop("besides")])
     geometries = pd.DataFrame(found)
     exclusions = [*of_sizes(experiment, EXCLUSION), *of_sizes(experiment, WRONG_EXCLUSION)]
     if not geometries.reindex(columns=exclusions).gt(0.0).any(axis=None):
@@ -88,11 +90,18 @@ def run(experiment: FrontierExperiment, execution: Execution) -> Findings:
             times=("times", "median"), times_most=("times", "max"),
         )  # fmt: skip
         tables.append(Table("stress", stress))
+    if len(besides):
+        besides = besides.groupby(["sky", "method", "faults"], sort=False, as_index=False).agg(
+            geometries=("sets", "size"), sets=("sets", "sum"), unseen=("unseen", "sum"),
+            probability=("probability", "max"), error=("error", "max"), contribution=("contribution", "mean"),
+            contribution_most=("contribution", "max"),
+        )  # fmt: skip
+        tables.append(Table("besides", besides))
     pictures = [frontier_figure(curves, frontier, axis=judged.axis, title=experiment.title)]
     if len(multipliers):
         pictures.append(multiplier_figure(geometries, multipliers, axis=judged.axis, title=experiment.title))
     return Findings(
-        summary=summary(experiment, frontier, multipliers, stress),
+        summary=summary(experiment, frontier, multipliers, stress, besides),
         tables=tuple(tables),
         pictures=tuple(pictures),
         notes=_notes(geometries),
@@ -113,7 +122,7 @@ def at_geometry(
     else:
         found, low, high = risk.at(1.0), math.nan, math.nan
     head = {"satellites": len(g.names), "dof": risk.parts.dof, "allowed": risk.allowed}
-    empty: dict[str, Any] = {"levels": np.full(_LEVELS, np.inf), "curve": [], "stress": []}
+    empty: dict[str, Any] = {"levels": np.full(_LEVELS, np.inf), "curve": [], "stress": [], "besides": []}
     if found is None or not risk.free.silent.any():
         nothing = dict.fromkeys(("k", "k_low", "k_high"), math.inf)
         nothing |= dict.fromkeys((*_TOLD, "unconverged_rate"), math.nan)
@@ -137,6 +146,7 @@ def at_geometry(
         finite = free.level_m[plain][free.silent[plain]]
         curve.append({"factor": factor, "level_m": float(k * factor * finite.mean()), "risk": at.analysed})
     stress = _stressed(g, unit, budget, axis, experiment, k, found.analysed, options) if stressed else []
+    besides = [_besides(g, risk, k, kind) for kind in experiment.besides]
     return (
         head
         | {"k": k if scaled else math.nan, "k_low": low, "k_high": high}
@@ -154,7 +164,7 @@ def at_geometry(
         | {"discontinuity": min(discontinuity, 1.0), "worst_fault": told["worst_fault"]}
         # One that a multiplier was found for takes just what it may.
         | {"kept": scaled or told["kept"]}
-        | {"levels": np.resize(level, _LEVELS), "curve": curve, "stress": stress}
+        | {"levels": np.resize(level, _LEVELS), "curve": curve, "stress": stress, "besides": besides}
     )
 
 
@@ -184,6 +194,18 @@ def _stressed(
         {"assumption": what, "risk": risk, "risk_as_assumed": assumed, "times": risk / assumed if assumed else math.nan}
         for what, risk in rows
     ]
+
+
+def _besides(g: Geometry, risk: LevelRisk, k: float, kind: str) -> dict[str, Any]:
+    """The event under faults of several satellites; contributions with the priors of pairs."""
+    sets, members = sets_of(g, kind, risk.prior.size)
+    found = several(risk, k, sets)
+    prior = np.array([risk.prior[list(places)].prod() for places in members]) if kind == PAIRS else np.nan
+    worst = int(found.probability.argmax())
+    return {
+        "faults": kind, "sets": len(sets), "unseen": int(found.unseen.sum()), "probability": found.probability[worst],
+        "error": found.error[worst], "contribution": float(np.sum(prior * found.probability)),
+    }  # fmt: skip
 
 
 def over_skies(
@@ -249,6 +271,9 @@ def work(experiment: FrontierExperiment) -> Work:
     wrong = len(experiment.sigma_factors) + len(experiment.biases_m)
     looks = sum((sky.count + wrong * sky.stressed) * len(_of_sky(experiment, sky)) for sky in experiment.skies)
     scenarios = int(looks * experiment.draws * _PER_DRAW)
+    if PAIRS in experiment.besides:
+        # Some twenty satellites have two hundred pairs, each tried at several sizes.
+        scenarios += sum(sky.count * len(_of_sky(experiment, sky)) for sky in experiment.skies) * _OF_PAIRS
     return Work(scenarios, scenarios / _SCENARIOS_PER_S)
 
 

@@ -31,8 +31,9 @@ def number(value: float) -> str:
 
 
 def summary(
-    experiment: FrontierExperiment, frontier: pd.DataFrame, multipliers: pd.DataFrame, stress: pd.DataFrame
-) -> Summary:
+    experiment: FrontierExperiment, frontier: pd.DataFrame, multipliers: pd.DataFrame, stress: pd.DataFrame,
+    besides: pd.DataFrame,
+) -> Summary:  # fmt: skip
     """What was judged; for each sky the methods, the smallest mean level first; one multiplier; wrong assumptions."""
     budget, judged = experiment.risk_budget(), experiment.decides
     ((_, _, limit_m),) = judged.levels
@@ -96,6 +97,21 @@ def summary(
                      f"{percent(row.share_kept)} %" if row.sky in random else "-", number(row.k_of_even),
                      f"{row.odd_beyond} of {row.odd}"]
                     for row in multipliers.itertuples()
+                ],
+            ),
+        ]  # fmt: skip
+    if len(besides):
+        blocks += [
+            "Faults that the budget counts as lost, and what they do all the same, along the direction that residuals "
+            "show least and at the worst size of it: the largest probability of the event over all sets and "
+            "geometries, and of pairs the sum over all of them with their priors.",
+            TextTable.of(
+                ["sky", "method", "faults", "sets", "unseen", "probability (largest)", "sum with priors (mean)"],
+                [
+                    [row.sky, row.method, row.faults, f"{row.sets:,}", f"{row.unseen:,}",
+                     f"{number(row.probability)} +- {row.error:.1g}",
+                     "-" if row.faults == "constellations" else number(row.contribution)]
+                    for row in besides.itertuples()
                 ],
             ),
         ]  # fmt: skip
