@@ -55,6 +55,26 @@ def test_methods_stand_at_equal_risk(found) -> None:
     np.testing.assert_allclose(scaled.discontinuity, scaled.satellites * 1e-5, rtol=1e-3)
 
 
+def test_exclusions_and_faults_of_several_satellites() -> None:
+    """A large fault is excluded, and seldom another satellite."""
+    sky = FEW["skies"][0] | {"count": 1, "stressed": 0}
+    araim = {"name": "araim", "exclusion": "satellites", "p_const": 0.0, "b_nom_m": 0.0}
+    changed = {"skies": [sky], "methods": [araim], "besides": ["pairs", "constellations"]}
+    tables = STUDY.found(FrontierExperiment.model_validate(FEW | changed), Execution(progress=False)).data
+    row = tables["frontier"].iloc[0]
+    assert row.exclusion_rate_100m + row.wrong_exclusion_rate_100m + row.alarm_rate_100m == pytest.approx(1.0)
+    assert row.exclusion_rate_100m > 0.95
+    assert row.exclusion_rate_100m > 100 * row.wrong_exclusion_rate_100m
+    pairs, constellations = tables["besides"].set_index("faults").loc[["pairs", "constellations"]].itertuples()
+    satellites = int(tables["geometries"].satellites.iloc[0])
+    assert pairs.sets == satellites * (satellites - 1) // 2
+    # With the prior of a pair at most that of all of them; two constellations, of which neither has a test.
+    assert 0 < pairs.contribution <= pairs.sets * 1e-10
+    assert constellations.sets == 2
+    assert constellations.probability > pairs.error
+    assert np.isnan(constellations.contribution)
+
+
 def test_wrong_assumptions_cost_risk(found) -> None:
     """A Gaussian tail at 5.3 sigma with a sigma that is a quarter larger is a hundred times as probable."""
     stress = found.data["stress"].set_index(["method", "assumption"])
