@@ -267,3 +267,17 @@ def test_two_of_prior_rate_and_duration():
         Ism(r_sat_per_h=0.5, mfd_sat_h=3.0)
     with pytest.raises(InputError, match=r"mfd_sat_h: 0 cannot be used; .* above zero, .*nearest: above 0"):
         Ism(r_sat_per_h=0.5, mfd_sat_h=0)
+
+
+@pytest.mark.parametrize("exclusion", [None, "satellites", "constellations"])
+def test_geometries_without_satellites_or_with_few_have_no_levels(exclusion):
+    """In a batch with a sound one, whose levels stay what they are alone."""
+    seen = np.ones((3, N), bool)
+    seen[1], seen[2, 4:] = False, False
+    given = GIVEN | {"design": np.stack([G.design] * 3), "exclusion": exclusion}
+    levels = protection_levels(**given, in_view=seen)
+    alone = protection_levels(**GIVEN, exclusion=exclusion)
+    assert levels.available.tolist() == [True, False, False]
+    assert np.isinf(levels.vpl_m[1:]).all()
+    assert levels.vpl_m[0] == pytest.approx(alone.vpl_m, rel=1e-12)
+    assert levels.modes()["geometry"].unique().tolist() in ([0], [0, 2])

@@ -107,7 +107,8 @@ def _combinations(
     """All combinations of as many events as P_THRES may ask for, two at least; no fault at all is the first."""
     seen = letters != ""
     present = list(dict.fromkeys(letters[seen].tolist()))
-    single = np.concatenate([np.eye(len(letters), dtype=bool)[seen], [letters == one for one in present]])
+    groups = letters[None] == np.array(present, dtype=np.str_)[:, None]
+    single = np.concatenate([np.eye(len(letters), dtype=bool)[seen], groups])
     instant, exposure = (
         np.concatenate([sat[seen], [const[one] for one in present]]) for sat, const in zip(p_sat, p_const, strict=True)
     )
