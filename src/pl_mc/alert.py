@@ -182,7 +182,13 @@ RNP_03 = AlertLimits("RNP 0.3", horizontal_m=556.0)
 # Operations with a vertical limit, and all of them.
 BY_NAME = {limits.name: limits for limits in (APV_I, LPV_200, APV_II, CAT_I, CAT_II, CAT_IIIB)}
 OPERATIONS = BY_NAME | {limits.name: limits for limits in (NPA, TERMINAL, EN_ROUTE, OCEANIC, RNP_01, RNP_03)}
-_BY_LETTERS = {name.lower().replace(" ", "-"): name for name in OPERATIONS} | {"cat-ii/iiia": CAT_II.name}
+# Other names of that table, where one line is of two operations.
+_ALSO = {
+    "cat-ii/iiia": CAT_II, "cat-iiia": CAT_II, "lpv": APV_I, "npa/rnp-0.3": NPA, "continental": EN_ROUTE,
+}  # fmt: skip
+_BY_LETTERS = {name.lower().replace(" ", "-"): name for name in OPERATIONS} | {
+    letters: limits.name for letters, limits in _ALSO.items()
+}
 
 
 def operation_named(name: str, field: str = "alert") -> str:
@@ -196,7 +202,7 @@ def is_operation(name: object) -> bool:
 
 
 def _letters(name: str) -> str:
-    return re.sub(r"[\s-]+", "-", name.strip()).lower()
+    return re.sub(r"[\s-]+", "-", re.sub(r"\s*/\s*", "/", name.strip())).lower()
 
 
 def as_limits(alert: str | AlertLimits) -> AlertLimits:
