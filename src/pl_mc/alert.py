@@ -145,6 +145,14 @@ class Judged:
         """``|vertical error| > VPL``."""
         return " or ".join(f"{one.size} > {one.level}" for one in self.called)
 
+    def probability(self, event: str) -> str:
+        """``P(|vertical error| > VPL, no alarm)``."""
+        if event == "alarm":
+            return "P(alarm)"
+        if self.axis == EITHER:
+            return f"P(an error > its {'limit' if event == 'missed' else 'level'}, no alarm)"
+        return f"P({self.beyond_limit if event == 'missed' else self.beyond_level}, no alarm)"
+
     def means(self, event: str) -> str:
         """How an answer begins its sentence about alarms, misleading information or missed detections."""
         if event == "alarm":

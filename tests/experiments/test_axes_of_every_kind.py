@@ -40,9 +40,23 @@ VARIANTS: dict[str, Any] = {
     "geometry": {"epochs": 4, "interval_s": 7200.0}, "faults": {"start_m": 20.0, "stop_m": 60.0, "step_m": 40.0},
     "variants": [{"group": "scale", "label": "apriori", "options": {"scale": "apriori", "iterations": 3}}],
 }  # fmt: skip
-KINDS = {"series": SERIES, "noise": NOISE, "variants": VARIANTS}
+RAMP = {"satellite": "G12", "start_m": 20.0, "stop_m": 40.0, "step_m": 20.0}
+COMPARE: dict[str, Any] = {
+    "kind": "compare", "title": "rail", "draws": 300, "seed": 3, "faults": RAMP, "methods": ["ls", "slope"],
+    "geometry": {"epochs": 4, "interval_s": 7200.0, "epoch": 0}, "day": {"every": 2, "draws": 100, "equal_draws": 100},
+    "equal": {"p_fa": 0.05, "draws": 300, "faults": RAMP | {"start_m": 4.0, "step_m": 18.0}, "methods": ["slope"]},
+}  # fmt: skip
+READINGS: dict[str, Any] = {
+    "kind": "readings", "title": "rail", "seed": 3, "compare": "static", "redraws": 1,
+    "source": SERIES["source"], "faults": SERIES["faults"], "readings": [{"varies": "base", "label": "defaults"}],
+}  # fmt: skip
+KINDS = {"series": SERIES, "noise": NOISE, "variants": VARIANTS, "compare": COMPARE, "readings": READINGS}
 # A table of each that names the axis, with the columns that its rows are told apart by.
-TABLES = {"series": ("redraws",), "noise": ("rates", "factors", "exposures"), "variants": ("variants", "worst")}
+TABLES = {
+    "series": ("redraws",), "noise": ("rates", "factors", "exposures"), "variants": ("variants", "worst"),
+    "compare": ("rates", "overview", "means", "equal", "equal_means", "day_rates", "day_equal_rates"),
+    "readings": ("readings", "distances"),
+}  # fmt: skip
 
 
 def run(content: dict[str, Any], out: Path) -> Path:
@@ -75,7 +89,8 @@ def test_the_vertical_that_is_asked_for_is_what_it_is_unasked_but_for_its_name(k
         plain, named = (pd.read_csv(folder / f"{name}.csv") for folder in (unasked, asked))
         assert set(named.pop("axis")) == {VERTICAL}
         pd.testing.assert_frame_equal(plain, named)
-    assert "horizontal alert limit of both, 10 m, is not judged" in words_of(unasked)
+    # Levels within both limits are what makes a method of a comparison available, whichever decides on events.
+    assert ("horizontal alert limit of both, 10 m, is not judged" in words_of(unasked)) == (kind != "compare")
 
 
 def test_a_series_counts_what_its_epochs_say(tmp_path: Path) -> None:
@@ -97,6 +112,47 @@ def test_a_series_counts_what_its_epochs_say(tmp_path: Path) -> None:
             assert counts.exceeded[method] == (exceeded & epochs.available)[rows.index].sum()
         # The figure of the levels has the name of what it shows.
         assert (folder / ("fig5_hpl.png" if axis == HORIZONTAL else "fig5_vpl_hpl.png")).is_file()
+
+
+@pytest.mark.parametrize("axis", [HORIZONTAL, EITHER])
+def test_a_comparison_counts_what_sweeps_say_and_ranks_geometries_by_the_axis(axis: str, tmp_path: Path) -> None:
+    folder = run(COMPARE | {"alert": BOTH, "axes": axis}, tmp_path / "out")
+    series = pl_mc.simulate(epochs=4, interval_s=7200.0)
+    alert, g = pl_mc.AlertLimits("both", vertical_m=15.0, horizontal_m=10.0), series[0]
+    faults = pl_mc.no_fault(g) + pl_mc.ramp(g, satellite="G12", start_m=20.0, stop_m=40.0, step_m=20.0)
+    swept = pl_mc.sweep(g, faults, draws=300, seed=3, methods=("ls", "slope"), alert=alert, axes=axis, progress=False)
+    rates = pd.read_csv(folder / "rates.csv", keep_default_na=False)
+    assert set(rates.axis) == {axis}
+    for event in ("alarms", "missed", "misleading", "hazards"):
+        assert rates[event].tolist() == swept[event].tolist()
+    overview = pd.read_csv(folder / "overview.csv").query("geometry == 'epoch 0'").set_index("method")
+    drawn = pl_mc.sample(g, pl_mc.no_fault(g), draws=300, seed=3, methods=("ls", "slope"), alert=alert)
+    within = (drawn.vpl_m <= 15.0) & (drawn.hpl_m <= 10.0)
+    assert overview.within.to_dict() == within.groupby(drawn.method).sum().to_dict()
+    # The geometries and their satellites, from the covariance of the position.
+    gains = [np.linalg.pinv(one.design / one.sigma_m[:, None])[:3] / one.sigma_m for one in series]
+    used = [0, 1] if axis == HORIZONTAL else [0, 1, 2]
+    spread = [np.linalg.norm(gain[used] * one.sigma_m) for gain, one in zip(gains, series, strict=True)]
+    table, dilution = pd.read_csv(folder / "geometries.csv").set_index("geometry"), "hdop" if used == [0, 1] else "pdop"
+    for name, k in (("strongest", int(np.argmin(spread))), ("weakest", int(np.argmax(spread)))):
+        assert table.epoch[name] == k
+        assert table.faulted[name] == series[k].names[int(np.linalg.norm(gains[k][used], axis=0).argmax())]
+        assert table[f"{dilution}_min_m"][name] == pytest.approx(spread[k])
+    said = words_of(folder)
+    assert ("HPL > HAL, or the method's test" if axis == HORIZONTAL else "VPL > VAL or HPL > HAL, or") in said
+    assert "VPL <= VAL and HPL <= HAL without a fault" in said
+
+
+def test_readings_horizontally_are_their_series(tmp_path: Path) -> None:
+    readings = pd.read_csv(run(READINGS | {"alert": BOTH, "axes": EITHER}, tmp_path / "out") / "readings.csv")
+    series = run(SERIES | {"alert": BOTH, "axes": EITHER}, tmp_path / "series")
+    redraws = pd.read_csv(series / "redraws.csv")
+    assert readings.alarms.tolist() == redraws.alarms.tolist()
+    assert readings.unalerted.tolist() == redraws.unalerted.tolist()
+    epochs = pd.read_parquet(series / "epochs.parquet").query("not faulted")
+    for level in ("vpl", "hpl"):
+        medians = epochs.groupby("method", sort=False)[f"{level}_m"].median()
+        assert readings[readings.redraw == 0][f"median_clean_{level}_m"].tolist() == pytest.approx(medians.tolist())
 
 
 def test_noise_models_horizontally_are_the_sweeps_and_exposures(tmp_path: Path) -> None:

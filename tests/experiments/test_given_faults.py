@@ -83,8 +83,13 @@ def test_a_file_with_faults_of_every_shape(here: Path) -> None:
 
 
 def test_a_table_of_distributions_is_their_text() -> None:
-    content = tomllib.loads(FILE.replace(FILE.rpartition("biases = ")[2], """[
-        {G01 = ["uniform", 5, 100]}, {"C01+C02" = ["normal", 0, 10], G01 = 3, G12 = 0}, {G = 20.0}]"""))
+    content = tomllib.loads(
+        FILE.replace(
+            FILE.rpartition("biases = ")[2],
+            """[
+        {G01 = ["uniform", 5, 100]}, {"C01+C02" = ["normal", 0, 10], G01 = 3, G12 = 0}, {G = 20.0}]""",
+        )
+    )
     faults = build_experiment(content, source="test").faults  # type: ignore[attr-defined]
     assert faults.build(series())[0].labels == ("G01:uniform(5,100)m", "C01+C02:normal(0,10)m,G01:+3m", "G:+20m")
     for given, words in (

@@ -72,8 +72,8 @@ def count_events(
         methods: records, whose numbers may be traced. There is a row for each of them and axis, method by method.
         limits: VAL and HAL [m], (2,), or a record or the name of an operation.
         draws: a whole number, known when it is compiled.
-        axes: which limits decide: ``vertical``, ``horizontal``, ``either``; the vertical one, where there is one, unless
-            given.
+        axes: which limits decide: ``vertical``, ``horizontal``, ``either``; unless given the vertical one, where
+            there is one.
         noise_model: one of `pl_mc.noise_models`; Gaussian errors of the model's sigma unless given.
         together: blocks of 256 draws side by side; few suit the caches of a processor, many fill an accelerator.
 
