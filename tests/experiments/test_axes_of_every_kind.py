@@ -50,13 +50,9 @@ READINGS: dict[str, Any] = {
     "kind": "readings", "title": "rail", "seed": 3, "compare": "static", "redraws": 1,
     "source": SERIES["source"], "faults": SERIES["faults"], "readings": [{"varies": "base", "label": "defaults"}],
 }  # fmt: skip
-KINDS = {"series": SERIES, "noise": NOISE, "variants": VARIANTS, "compare": COMPARE, "readings": READINGS}
+KINDS = {"series": SERIES, "noise": NOISE, "variants": VARIANTS}
 # A table of each that names the axis, with the columns that its rows are told apart by.
-TABLES = {
-    "series": ("redraws",), "noise": ("rates", "factors", "exposures"), "variants": ("variants", "worst"),
-    "compare": ("rates", "overview", "means", "equal", "equal_means", "day_rates", "day_equal_rates"),
-    "readings": ("readings", "distances"),
-}  # fmt: skip
+TABLES = {"series": ("redraws",), "noise": ("rates", "factors", "exposures"), "variants": ("variants", "worst")}
 
 
 def run(content: dict[str, Any], out: Path) -> Path:
@@ -89,8 +85,7 @@ def test_the_vertical_that_is_asked_for_is_what_it_is_unasked_but_for_its_name(k
         plain, named = (pd.read_csv(folder / f"{name}.csv") for folder in (unasked, asked))
         assert set(named.pop("axis")) == {VERTICAL}
         pd.testing.assert_frame_equal(plain, named)
-    # Levels within both limits are what makes a method of a comparison available, whichever decides on events.
-    assert ("horizontal alert limit of both, 10 m, is not judged" in words_of(unasked)) == (kind != "compare")
+    assert "horizontal alert limit of both, 10 m, is not judged" in words_of(unasked)
 
 
 def test_a_series_counts_what_its_epochs_say(tmp_path: Path) -> None:
@@ -114,45 +109,75 @@ def test_a_series_counts_what_its_epochs_say(tmp_path: Path) -> None:
         assert (folder / ("fig5_hpl.png" if axis == HORIZONTAL else "fig5_vpl_hpl.png")).is_file()
 
 
-@pytest.mark.parametrize("axis", [HORIZONTAL, EITHER])
-def test_a_comparison_counts_what_sweeps_say_and_ranks_geometries_by_the_axis(axis: str, tmp_path: Path) -> None:
-    folder = run(COMPARE | {"alert": BOTH, "axes": axis}, tmp_path / "out")
+@pytest.fixture
+def undrawn(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Figures are made and not drawn, which takes longer than all the rest."""
+    monkeypatch.setattr("pl_mc.report.files.save_figure", lambda *_: None)
+
+
+@pytest.mark.usefixtures("undrawn")
+def test_a_comparison_horizontally(tmp_path: Path) -> None:
+    folder = run(COMPARE | {"alert": RAIL}, tmp_path / "out")
+    said = words_of(folder)
+    # Its tables of levels have both.
+    assert not re.search(r"VAL|VPL|[Vv]ertical|VDOP|K_V", said)
+    assert "HPL > HAL, or the method's test" in said
+    assert "HPL <= HAL without a fault" in said
+    for name in ("rates", "overview", "means", "equal", "equal_means", "day_rates", "day_equal_rates"):
+        assert set(pd.read_csv(folder / f"{name}.csv").axis) == {HORIZONTAL}
     series = pl_mc.simulate(epochs=4, interval_s=7200.0)
-    alert, g = pl_mc.AlertLimits("both", vertical_m=15.0, horizontal_m=10.0), series[0]
+    compared(folder, series[0], pl_mc.AlertLimits("rail", horizontal_m=10.0), HORIZONTAL)
+    # The geometries and their satellites, from the covariance of the position.
+    gains = [np.linalg.pinv(one.design / one.sigma_m[:, None])[:2] / one.sigma_m for one in series]
+    spread = [np.linalg.norm(gain * one.sigma_m) for gain, one in zip(gains, series, strict=True)]
+    table = pd.read_csv(folder / "geometries.csv").set_index("geometry")
+    for name, k in (("strongest", int(np.argmin(spread))), ("weakest", int(np.argmax(spread)))):
+        assert table.epoch[name] == k
+        assert table.faulted[name] == series[k].names[int(np.hypot(*gains[k]).argmax())]
+        assert table.hdop_min_m[name] == pytest.approx(spread[k])
+
+
+@pytest.mark.usefixtures("undrawn")
+def test_a_comparison_by_either_limit(tmp_path: Path) -> None:
+    folder = run(COMPARE | {"alert": BOTH, "axes": EITHER, "day": None, "equal": None}, tmp_path / "out")
+    g, alert = pl_mc.simulate(epochs=1)[0], pl_mc.AlertLimits("both", vertical_m=15.0, horizontal_m=10.0)
+    compared(folder, g, alert, EITHER)
+    position = np.linalg.inv((g.design / g.sigma_m[:, None] ** 2).T @ g.design)[:3, :3]
+    assert f"PDOP {np.sqrt(np.trace(position)):.3f} m" in words_of(folder)
+    assert "VPL > VAL or HPL > HAL, or the method's test" in words_of(folder)
+    assert "is not judged" not in words_of(folder)
+
+
+def compared(folder: Path, g: pl_mc.Geometry, alert: pl_mc.AlertLimits, axis: str) -> None:
+    """Events of a comparison are those of the sweep, and what is available is within all limits that there are."""
     faults = pl_mc.no_fault(g) + pl_mc.ramp(g, satellite="G12", start_m=20.0, stop_m=40.0, step_m=20.0)
-    swept = pl_mc.sweep(g, faults, draws=300, seed=3, methods=("ls", "slope"), alert=alert, axes=axis, progress=False)
+    options: dict[str, Any] = {"draws": 300, "seed": 3, "methods": ("ls", "slope"), "alert": alert}
+    swept = pl_mc.sweep(g, faults, axes=axis, progress=False, **options)
     rates = pd.read_csv(folder / "rates.csv", keep_default_na=False)
     assert set(rates.axis) == {axis}
     for event in ("alarms", "missed", "misleading", "hazards"):
         assert rates[event].tolist() == swept[event].tolist()
-    overview = pd.read_csv(folder / "overview.csv").query("geometry == 'epoch 0'").set_index("method")
-    drawn = pl_mc.sample(g, pl_mc.no_fault(g), draws=300, seed=3, methods=("ls", "slope"), alert=alert)
-    within = (drawn.vpl_m <= 15.0) & (drawn.hpl_m <= 10.0)
-    assert overview.within.to_dict() == within.groupby(drawn.method).sum().to_dict()
-    # The geometries and their satellites, from the covariance of the position.
-    gains = [np.linalg.pinv(one.design / one.sigma_m[:, None])[:3] / one.sigma_m for one in series]
-    used = [0, 1] if axis == HORIZONTAL else [0, 1, 2]
-    spread = [np.linalg.norm(gain[used] * one.sigma_m) for gain, one in zip(gains, series, strict=True)]
-    table, dilution = pd.read_csv(folder / "geometries.csv").set_index("geometry"), "hdop" if used == [0, 1] else "pdop"
-    for name, k in (("strongest", int(np.argmin(spread))), ("weakest", int(np.argmax(spread)))):
-        assert table.epoch[name] == k
-        assert table.faulted[name] == series[k].names[int(np.linalg.norm(gains[k][used], axis=0).argmax())]
-        assert table[f"{dilution}_min_m"][name] == pytest.approx(spread[k])
-    said = words_of(folder)
-    assert ("HPL > HAL, or the method's test" if axis == HORIZONTAL else "VPL > VAL or HPL > HAL, or") in said
-    assert "VPL <= VAL and HPL <= HAL without a fault" in said
+    overview = pd.read_csv(folder / "overview.csv")
+    overview = overview if "geometry" not in overview else overview[overview.geometry == "epoch 0"]
+    drawn = pl_mc.sample(g, pl_mc.no_fault(g), **options)
+    within = (drawn.vpl_m <= alert.val_m) & (drawn.hpl_m <= alert.hal_m)
+    assert overview.set_index("method").within.to_dict() == within.groupby(drawn.method).sum().to_dict()
 
 
+@pytest.mark.usefixtures("undrawn")
 def test_readings_horizontally_are_their_series(tmp_path: Path) -> None:
-    readings = pd.read_csv(run(READINGS | {"alert": BOTH, "axes": EITHER}, tmp_path / "out") / "readings.csv")
-    series = run(SERIES | {"alert": BOTH, "axes": EITHER}, tmp_path / "series")
+    folder = run(READINGS | {"alert": RAIL}, tmp_path / "out")
+    said = words_of(folder)
+    assert not re.search(r"VAL|VPL|[Vv]ertical|VDOP|K_V|vpl", said)
+    assert "Alarm: HPL > HAL (rail, HAL 10 m), or no solution." in said
+    readings = pd.read_csv(folder / "readings.csv")
+    assert set(readings.axis) == set(pd.read_csv(folder / "distances.csv").axis) == {HORIZONTAL}
+    series = run(SERIES | {"alert": RAIL}, tmp_path / "series")
     redraws = pd.read_csv(series / "redraws.csv")
     assert readings.alarms.tolist() == redraws.alarms.tolist()
     assert readings.unalerted.tolist() == redraws.unalerted.tolist()
-    epochs = pd.read_parquet(series / "epochs.parquet").query("not faulted")
-    for level in ("vpl", "hpl"):
-        medians = epochs.groupby("method", sort=False)[f"{level}_m"].median()
-        assert readings[readings.redraw == 0][f"median_clean_{level}_m"].tolist() == pytest.approx(medians.tolist())
+    medians = pd.read_parquet(series / "epochs.parquet").query("not faulted").groupby("method", sort=False).hpl_m
+    assert readings[readings.redraw == 0].median_clean_hpl_m.tolist() == pytest.approx(medians.median().tolist())
 
 
 def test_noise_models_horizontally_are_the_sweeps_and_exposures(tmp_path: Path) -> None:
@@ -192,12 +217,12 @@ def test_variants_are_faulted_where_the_horizontal_error_moves_most(tmp_path: Pa
         assert together >= reach.max()
 
 
-@pytest.mark.parametrize("kind", KINDS)
-def test_one_axis_at_a_time(kind: str) -> None:
+@pytest.mark.parametrize("content", [*KINDS.values(), COMPARE, READINGS], ids=lambda content: content["kind"])
+def test_one_axis_at_a_time(content: dict[str, Any]) -> None:
     with pytest.raises(InputError, match="axes: this kind of experiment judges by one axis at a time"):
-        build_experiment(KINDS[kind] | {"alert": BOTH, "axes": [VERTICAL, HORIZONTAL]}, source="test")
+        build_experiment(content | {"alert": BOTH, "axes": [VERTICAL, HORIZONTAL]}, source="test")
     with pytest.raises(InputError, match="axes: horizontal needs a horizontal limit"):
-        build_experiment(KINDS[kind] | {"alert": {"vertical_m": 15}, "axes": HORIZONTAL}, source="test")
+        build_experiment(content | {"alert": {"vertical_m": 15}, "axes": HORIZONTAL}, source="test")
 
 
 def test_variants_have_one_error_and_one_level() -> None:
