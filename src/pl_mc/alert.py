@@ -223,12 +223,8 @@ def as_limits(alert: str | AlertLimits) -> AlertLimits:
     return alert
 
 
-def as_alert(alert: str | AlertLimits, *, horizontal_too: bool = False) -> AlertLimits:
+def as_alert(alert: str | AlertLimits) -> AlertLimits:
     """Alert limits of which the vertical one decides, by name (``LPV-200``) or as a record.
-
-    Args:
-        alert: the limits.
-        horizontal_too: the horizontal limit decides something as well.
 
     Raises:
         InputError: another name or type; no vertical limit; a horizontal limit that no operation here has, where it
@@ -238,7 +234,7 @@ def as_alert(alert: str | AlertLimits, *, horizontal_too: bool = False) -> Alert
     if not limits.has_vertical:
         raise InputError(f"alert: {limits.name} has no vertical limit, which decides here (of {', '.join(BY_NAME)}).")
     known = sorted({one.horizontal_m for one in OPERATIONS.values() if one.horizontal_m is not None})
-    if not horizontal_too and limits.horizontal_m is not None and limits.horizontal_m not in known:
+    if limits.horizontal_m is not None and limits.horizontal_m not in known:
         raise InputError(
             f"alert.horizontal_m: {limits.horizontal_m:g} m would decide nothing here, where the vertical one decides "
             f"alone; leave it out, or take that of an operation ({', '.join(f'{one:g}' for one in known)})."

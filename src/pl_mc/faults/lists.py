@@ -111,7 +111,7 @@ def biases_of_table(bias_m: Mapping[str, float | Sequence[Any]]) -> list[Bias]:
         names = _named_together(named)
         if isinstance(value, list | tuple):
             parts.append(Bias(of=names, law=value[0] if value else "", numbers=tuple(value[1:])))
-        elif round(size_m := require_number(value, field=f"bias of {named}"), 9):
+        elif round(size_m := require_number(value, field=f"bias of {named}"), 9):  # type: ignore[arg-type]
             parts += [Bias(of=(name,), numbers=(size_m,)) for name in names]
     return parts
 
