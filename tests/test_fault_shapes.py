@@ -56,7 +56,8 @@ def day() -> pl_mc.Geometry:
     ("text", "label"),
     [
         ("G01+G12:+30m", "G01:+30m,G12:+30m"), ("G01:+30m, C08:-20 m", "G01:+30m,C08:-20m"), ("G:20", "G:+20m"),
-        ("G:+20m  independent", "G:+20m independent"), ("G:+-20m independent", "G:+20m independent"),
+        ("G:+20m  independent", "G:+20m independent"), ("G:+20m common", "G:+20m"),
+        ("G:uniform(5,100)m common:3-9", "G:uniform(5,100)m:3-9"), ("G:+-20m independent", "G:+20m independent"),
         ("G01:±30m", "G01:+-30m"), ("G01:0.1m/s", "G01:+0.1m/s"), ("G01:-1e-3m/s:3-", "G01:-0.001m/s:3-"),
         ("G01:+30m:0-3,G01:-30m:4-9", "G01:+30m:0-3,G01:-30m:4-9"), ("G01:uniform( 5, 100 )m", "G01:uniform(5,100)m"),
         ("G01:-uniform(5,100)", "G01:uniform(-100,-5)m"), ("G01:-normal(3,10)m", "G01:normal(-3,10)m"),

@@ -145,6 +145,14 @@ class Judged:
         """``|vertical error| > VPL``."""
         return " or ".join(f"{one.size} > {one.level}" for one in self.called)
 
+    def probability(self, event: str) -> str:
+        """``P(|vertical error| > VPL, no alarm)``."""
+        if event == "alarm":
+            return "P(alarm)"
+        if self.axis == EITHER:
+            return f"P(an error > its {'limit' if event == 'missed' else 'level'}, no alarm)"
+        return f"P({self.beyond_limit if event == 'missed' else self.beyond_level}, no alarm)"
+
     def means(self, event: str) -> str:
         """How an answer begins its sentence about alarms, misleading information or missed detections."""
         if event == "alarm":
@@ -182,7 +190,13 @@ RNP_03 = AlertLimits("RNP 0.3", horizontal_m=556.0)
 # Operations with a vertical limit, and all of them.
 BY_NAME = {limits.name: limits for limits in (APV_I, LPV_200, APV_II, CAT_I, CAT_II, CAT_IIIB)}
 OPERATIONS = BY_NAME | {limits.name: limits for limits in (NPA, TERMINAL, EN_ROUTE, OCEANIC, RNP_01, RNP_03)}
-_BY_LETTERS = {name.lower().replace(" ", "-"): name for name in OPERATIONS} | {"cat-ii/iiia": CAT_II.name}
+# Other names of that table, where one line is of two operations.
+_ALSO = {
+    "cat-ii/iiia": CAT_II, "cat-iiia": CAT_II, "lpv": APV_I, "npa/rnp-0.3": NPA, "continental": EN_ROUTE,
+}  # fmt: skip
+_BY_LETTERS = {name.lower().replace(" ", "-"): name for name in OPERATIONS} | {
+    letters: limits.name for letters, limits in _ALSO.items()
+}
 
 
 def operation_named(name: str, field: str = "alert") -> str:
@@ -196,7 +210,7 @@ def is_operation(name: object) -> bool:
 
 
 def _letters(name: str) -> str:
-    return re.sub(r"[\s-]+", "-", name.strip()).lower()
+    return re.sub(r"[\s-]+", "-", re.sub(r"\s*/\s*", "/", name.strip())).lower()
 
 
 def as_limits(alert: str | AlertLimits) -> AlertLimits:
@@ -209,12 +223,8 @@ def as_limits(alert: str | AlertLimits) -> AlertLimits:
     return alert
 
 
-def as_alert(alert: str | AlertLimits, *, horizontal_too: bool = False) -> AlertLimits:
+def as_alert(alert: str | AlertLimits) -> AlertLimits:
     """Alert limits of which the vertical one decides, by name (``LPV-200``) or as a record.
-
-    Args:
-        alert: the limits.
-        horizontal_too: the horizontal limit decides something as well.
 
     Raises:
         InputError: another name or type; no vertical limit; a horizontal limit that no operation here has, where it
@@ -224,7 +234,7 @@ def as_alert(alert: str | AlertLimits, *, horizontal_too: bool = False) -> Alert
     if not limits.has_vertical:
         raise InputError(f"alert: {limits.name} has no vertical limit, which decides here (of {', '.join(BY_NAME)}).")
     known = sorted({one.horizontal_m for one in OPERATIONS.values() if one.horizontal_m is not None})
-    if not horizontal_too and limits.horizontal_m is not None and limits.horizontal_m not in known:
+    if limits.horizontal_m is not None and limits.horizontal_m not in known:
         raise InputError(
             f"alert.horizontal_m: {limits.horizontal_m:g} m would decide nothing here, where the vertical one decides "
             f"alone; leave it out, or take that of an operation ({', '.join(f'{one:g}' for one in known)})."

@@ -168,6 +168,7 @@ def test_limits() -> None:
     for name, meant in (
         ("CAT I", "CAT-I"), ("CAT II/IIIA", "CAT-II"), ("cat iiib", "CAT-IIIB"), ("lpv 200", "LPV-200"),
         ("RNP-0.3", "RNP 0.3"), ("En-route", "en-route"), ("Terminal", "terminal"), ("rnp 0.1", "RNP 0.1"),
+        ("LPV", "APV-I"), ("CAT IIIA", "CAT-II"), ("NPA / RNP 0.3", "NPA"), ("continental", "en-route"),
     ):  # fmt: skip
         assert as_limits(name) is OPERATIONS[meant]
     with pytest.raises(pl_mc.InputError, match="alert: 'CAT IV' is unknown"):

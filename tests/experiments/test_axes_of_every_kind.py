@@ -40,6 +40,16 @@ VARIANTS: dict[str, Any] = {
     "geometry": {"epochs": 4, "interval_s": 7200.0}, "faults": {"start_m": 20.0, "stop_m": 60.0, "step_m": 40.0},
     "variants": [{"group": "scale", "label": "apriori", "options": {"scale": "apriori", "iterations": 3}}],
 }  # fmt: skip
+RAMP = {"satellite": "G12", "start_m": 20.0, "stop_m": 40.0, "step_m": 20.0}
+COMPARE: dict[str, Any] = {
+    "kind": "compare", "title": "rail", "draws": 300, "seed": 3, "faults": RAMP, "methods": ["ls", "slope"],
+    "geometry": {"epochs": 4, "interval_s": 7200.0, "epoch": 0}, "day": {"every": 2, "draws": 100, "equal_draws": 100},
+    "equal": {"p_fa": 0.05, "draws": 300, "faults": RAMP | {"start_m": 4.0, "step_m": 18.0}, "methods": ["slope"]},
+}  # fmt: skip
+READINGS: dict[str, Any] = {
+    "kind": "readings", "title": "rail", "seed": 3, "compare": "static", "redraws": 1,
+    "source": SERIES["source"], "faults": SERIES["faults"], "readings": [{"varies": "base", "label": "defaults"}],
+}  # fmt: skip
 KINDS = {"series": SERIES, "noise": NOISE, "variants": VARIANTS}
 # A table of each that names the axis, with the columns that its rows are told apart by.
 TABLES = {"series": ("redraws",), "noise": ("rates", "factors", "exposures"), "variants": ("variants", "worst")}
@@ -99,6 +109,77 @@ def test_a_series_counts_what_its_epochs_say(tmp_path: Path) -> None:
         assert (folder / ("fig5_hpl.png" if axis == HORIZONTAL else "fig5_vpl_hpl.png")).is_file()
 
 
+@pytest.fixture
+def undrawn(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Figures are made and not drawn, which takes longer than all the rest."""
+    monkeypatch.setattr("pl_mc.report.files.save_figure", lambda *_: None)
+
+
+@pytest.mark.usefixtures("undrawn")
+def test_a_comparison_horizontally(tmp_path: Path) -> None:
+    folder = run(COMPARE | {"alert": RAIL}, tmp_path / "out")
+    said = words_of(folder)
+    # Its tables of levels have both.
+    assert not re.search(r"VAL|VPL|[Vv]ertical|VDOP|K_V", said)
+    assert "HPL > HAL, or the method's test" in said
+    assert "HPL <= HAL without a fault" in said
+    for name in ("rates", "overview", "means", "equal", "equal_means", "day_rates", "day_equal_rates"):
+        assert set(pd.read_csv(folder / f"{name}.csv").axis) == {HORIZONTAL}
+    series = pl_mc.simulate(epochs=4, interval_s=7200.0)
+    compared(folder, series[0], pl_mc.AlertLimits("rail", horizontal_m=10.0), HORIZONTAL)
+    # The geometries and their satellites, from the covariance of the position.
+    gains = [np.linalg.pinv(one.design / one.sigma_m[:, None])[:2] / one.sigma_m for one in series]
+    spread = [np.linalg.norm(gain * one.sigma_m) for gain, one in zip(gains, series, strict=True)]
+    table = pd.read_csv(folder / "geometries.csv").set_index("geometry")
+    for name, k in (("strongest", int(np.argmin(spread))), ("weakest", int(np.argmax(spread)))):
+        assert table.epoch[name] == k
+        assert table.faulted[name] == series[k].names[int(np.hypot(*gains[k]).argmax())]
+        assert table.hdop_min_m[name] == pytest.approx(spread[k])
+
+
+@pytest.mark.usefixtures("undrawn")
+def test_a_comparison_by_either_limit(tmp_path: Path) -> None:
+    folder = run(COMPARE | {"alert": BOTH, "axes": EITHER, "day": None, "equal": None}, tmp_path / "out")
+    g, alert = pl_mc.simulate(epochs=1)[0], pl_mc.AlertLimits("both", vertical_m=15.0, horizontal_m=10.0)
+    compared(folder, g, alert, EITHER)
+    position = np.linalg.inv((g.design / g.sigma_m[:, None] ** 2).T @ g.design)[:3, :3]
+    assert f"PDOP {np.sqrt(np.trace(position)):.3f} m" in words_of(folder)
+    assert "VPL > VAL or HPL > HAL, or the method's test" in words_of(folder)
+    assert "is not judged" not in words_of(folder)
+
+
+def compared(folder: Path, g: pl_mc.Geometry, alert: pl_mc.AlertLimits, axis: str) -> None:
+    """Events of a comparison are those of the sweep, and what is available is within all limits that there are."""
+    faults = pl_mc.no_fault(g) + pl_mc.ramp(g, satellite="G12", start_m=20.0, stop_m=40.0, step_m=20.0)
+    options: dict[str, Any] = {"draws": 300, "seed": 3, "methods": ("ls", "slope"), "alert": alert}
+    swept = pl_mc.sweep(g, faults, axes=axis, progress=False, **options)
+    rates = pd.read_csv(folder / "rates.csv", keep_default_na=False)
+    assert set(rates.axis) == {axis}
+    for event in ("alarms", "missed", "misleading", "hazards"):
+        assert rates[event].tolist() == swept[event].tolist()
+    overview = pd.read_csv(folder / "overview.csv")
+    overview = overview if "geometry" not in overview else overview[overview.geometry == "epoch 0"]
+    drawn = pl_mc.sample(g, pl_mc.no_fault(g), **options)
+    within = (drawn.vpl_m <= alert.val_m) & (drawn.hpl_m <= alert.hal_m)
+    assert overview.set_index("method").within.to_dict() == within.groupby(drawn.method).sum().to_dict()
+
+
+@pytest.mark.usefixtures("undrawn")
+def test_readings_horizontally_are_their_series(tmp_path: Path) -> None:
+    folder = run(READINGS | {"alert": RAIL}, tmp_path / "out")
+    said = words_of(folder)
+    assert not re.search(r"VAL|VPL|[Vv]ertical|VDOP|K_V|vpl", said)
+    assert "Alarm: HPL > HAL (rail, HAL 10 m), or no solution." in said
+    readings = pd.read_csv(folder / "readings.csv")
+    assert set(readings.axis) == set(pd.read_csv(folder / "distances.csv").axis) == {HORIZONTAL}
+    series = run(SERIES | {"alert": RAIL}, tmp_path / "series")
+    redraws = pd.read_csv(series / "redraws.csv")
+    assert readings.alarms.tolist() == redraws.alarms.tolist()
+    assert readings.unalerted.tolist() == redraws.unalerted.tolist()
+    medians = pd.read_parquet(series / "epochs.parquet").query("not faulted").groupby("method", sort=False).hpl_m
+    assert readings[readings.redraw == 0].median_clean_hpl_m.tolist() == pytest.approx(medians.median().tolist())
+
+
 def test_noise_models_horizontally_are_the_sweeps_and_exposures(tmp_path: Path) -> None:
     folder = run(NOISE | {"alert": RAIL}, tmp_path / "out")
     g = pl_mc.simulate(epochs=1)[0]
@@ -136,12 +217,12 @@ def test_variants_are_faulted_where_the_horizontal_error_moves_most(tmp_path: Pa
         assert together >= reach.max()
 
 
-@pytest.mark.parametrize("kind", KINDS)
-def test_one_axis_at_a_time(kind: str) -> None:
+@pytest.mark.parametrize("content", [*KINDS.values(), COMPARE, READINGS], ids=lambda content: content["kind"])
+def test_one_axis_at_a_time(content: dict[str, Any]) -> None:
     with pytest.raises(InputError, match="axes: this kind of experiment judges by one axis at a time"):
-        build_experiment(KINDS[kind] | {"alert": BOTH, "axes": [VERTICAL, HORIZONTAL]}, source="test")
+        build_experiment(content | {"alert": BOTH, "axes": [VERTICAL, HORIZONTAL]}, source="test")
     with pytest.raises(InputError, match="axes: horizontal needs a horizontal limit"):
-        build_experiment(KINDS[kind] | {"alert": {"vertical_m": 15}, "axes": HORIZONTAL}, source="test")
+        build_experiment(content | {"alert": {"vertical_m": 15}, "axes": HORIZONTAL}, source="test")
 
 
 def test_variants_have_one_error_and_one_level() -> None:

@@ -9,7 +9,7 @@ import pandas as pd
 import pytest
 
 import pl_mc
-from pl_mc.alert import LPV_200
+from pl_mc.alert import LPV_200, Judged
 from pl_mc.engine import Execution
 from pl_mc.experiments.loading import build_experiment, load_experiment
 from pl_mc.experiments.running import run_experiment
@@ -110,7 +110,7 @@ def test_findings_say_what_was_seen_and_bound_what_was_not() -> None:
          "vpl_95_m": [9.0, 8.0]}
     )  # fmt: skip
     overview = overview_table(made_up(), fault_free)
-    sentences = findings(overview, None, LPV_200)
+    sentences = findings(overview, None, Judged(LPV_200))
     missed = next(sentence for sentence in sentences if sentence.startswith("Missed"))
     assert "3 % [0.1, 5] at 10 m with b; none (each < 5 %) with a." in missed
     assert "none (each < 0.37 %) with a and b" in sentences[0]

@@ -82,6 +82,24 @@ def test_a_file_with_faults_of_every_shape(here: Path) -> None:
     assert [line.split("|")[-2].strip() for line in summary.splitlines() if line.startswith(f"| {LABELS[2]}")] == ["-"]
 
 
+def test_a_table_of_distributions_is_their_text() -> None:
+    content = tomllib.loads(
+        FILE.replace(
+            FILE.rpartition("biases = ")[2],
+            """[
+        {G01 = ["uniform", 5, 100]}, {"C01+C02" = ["normal", 0, 10], G01 = 3, G12 = 0}, {G = 20.0}]""",
+        )
+    )
+    faults = build_experiment(content, source="test").faults  # type: ignore[attr-defined]
+    assert faults.build(series())[0].labels == ("G01:uniform(5,100)m", "C01+C02:normal(0,10)m,G01:+3m", "G:+20m")
+    for given, words in (
+        (["gamma", 2], r"faults.biases.0: law: 'gamma' is unknown"), (["uniform", 5], "numbers: fixed takes one"),
+        (["uniform", 9, 5], "uniform takes two sizes in order"), ("5", "a table of biases in metres by satellite"),
+    ):  # fmt: skip
+        with pytest.raises(InputError, match=words):
+            build_experiment(content | {"faults": {"biases": [{"G01": given}]}}, source="test")
+
+
 def test_faults_of_the_command_line_take_the_place_of_the_files(here: Path, capsys: pytest.CaptureFixture[str]) -> None:
     texts = ["C01:+0.01m/s:3-", "G+C:+-20m", "G01:+30m,C02:-20m"]
     labels = ["C01:+0.01m/s:3-", "G+C:+-20m", "G01:+30m,C02:-20m"]

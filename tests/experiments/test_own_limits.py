@@ -98,8 +98,8 @@ def test_a_limit_for_what_judges_by_none(capsys: pytest.CaptureFixture[str]) -> 
         ("RNP 0.1", "alert: RNP 0.1 has no vertical limit"),
     ],
 )
-def test_limits_of_a_kind_that_judges_vertically_alone(alert: Any, words: str) -> None:
-    record = load_experiment("zhao2021-readings", {"alert": alert})[1]
+def test_limits_of_a_kind_that_takes_no_axes(alert: Any, words: str) -> None:
+    record = load_experiment("guo2022", {"alert": alert})[1]
     with pytest.raises(InputError, match=words):
         record.alert_limits()
 
@@ -127,7 +127,7 @@ def test_axes_that_cannot_be(change: dict[str, Any], words: str) -> None:
 
 def test_kinds_that_take_no_axes_or_one_at_a_time() -> None:
     with pytest.raises(InputError, match="axes: an experiment of this kind judges by the vertical limit, or by limits"):
-        load_experiment("zhao2021-readings", {"axes": "horizontal"})
+        load_experiment("guo2022", {"axes": "horizontal"})
     files = {"observations": "a", "navigation": "b", "truth": "1,2,3", "title": "t", "kind": "observe", "alert": BOTH}
     with pytest.raises(InputError, match="axes: this kind of experiment judges by one axis at a time"):
         build_experiment(files | {"axes": ["vertical", "horizontal"]}, source="test")

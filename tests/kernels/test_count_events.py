@@ -45,6 +45,9 @@ def test_counts_are_those_of_a_sweep(together: int) -> None:
     found = count_events(key(), model(), BIAS_M, METHODS, pl_mc.LPV_200, DRAWS, axes=axes, together=together)
     assert found.dtype == jnp.int32
     np.testing.assert_array_equal(found, swept(METHODS, axes=axes))
+    # An operation by name, and the axis of the limit that there is.
+    rail = count_events(key(), model(), BIAS_M, METHODS, "RNP 0.1", DRAWS, together=together)
+    np.testing.assert_array_equal(rail, swept(METHODS, alert="RNP 0.1"))
     of_noise = count_events(key(), model(), BIAS_M, METHODS, pl_mc.LPV_200, DRAWS, noise_model=StudentT(4.0))
     np.testing.assert_array_equal(of_noise, swept(METHODS, noise=StudentT(4.0)))
 
@@ -96,6 +99,7 @@ def test_geometries_are_spread_over_devices() -> None:
         ({"draws": 0}, r"^draws: a whole number from 1 to 2147483647"),
         ({"limits": np.asarray([35.0])}, r"^limits: VAL and HAL are needed, an array \(2,\), not \(1,\)"),
         ({"axes": ("up",)}, r"^axes: 'up' is unknown"),
+        ({"limits": "CAT IV"}, r"^alert: 'CAT IV' is unknown"),
         (
             {"axes": ("horizontal",), "limits": pl_mc.AlertLimits("lift", vertical_m=3.0)},
             r"^axes: horizontal needs a horizontal limit",

@@ -50,9 +50,9 @@ def leaves(name: str) -> dict[str, float]:
     return {path[-1].name: value for path, value in paths}
 
 
-def counts(methods) -> np.ndarray:
+def counts(methods, **options: Any) -> np.ndarray:
     """(methods, faults, 3), alarms, exceeded and unavailable."""
-    table = pl_mc.sweep(G, FAULTS, draws=100, seed=3, methods=methods, progress=False)
+    table = pl_mc.sweep(G, FAULTS, draws=100, seed=3, methods=methods, progress=False, **options)
     return table[["alarms", "exceeded", "unavailable"]].to_numpy().reshape(len(methods), len(FAULTS), 3)
 
 
@@ -67,12 +67,24 @@ def test_another_number_compiles_nothing() -> None:
         known = [list(leaves(name).items())[min(k, len(leaves(name)) - 1)] for name in NAMES]
         counts([replace(one, **{leaf: 1.1 * value}) for one, (leaf, value) in zip(first, known, strict=True)])
     nothing = counts([replace(one, k_vertical=1e-9) for one in first])
+    # Limits of another operation neither; every level is beyond a limit of a millimetre.
+    closest = counts(first, alert=pl_mc.AlertLimits("own", vertical_m=1e-3, horizontal_m=1.0))
+    assert (closest[:, :, 0] == 100).all()
     assert compiled_count(1)._cache_size() == compiled
     # Every error is beyond a level of nothing, where K is what makes the level.
     by_k = [scales_with_k(one) is not None for one in first]
     assert sum(by_k) >= 10
     assert (nothing[by_k, :, 1] == 100).all()
     assert (usual[by_k, 0, 1] < 100).all()
+
+
+def test_limits_compile_nothing_where_numbers_stay_on_the_host() -> None:
+    methods = [method(name) for name in sorted(ON_THE_HOST)]
+    usual, compiled = counts(methods), compiled_count(1)._cache_size()
+    closest = counts(methods, alert=pl_mc.AlertLimits("own", vertical_m=1e-3, horizontal_m=1.0))
+    assert compiled_count(1)._cache_size() == compiled
+    assert (closest[:, :, 0] == 100).all()
+    assert (usual[:, 0, 0] < 100).any()
 
 
 def test_structure_compiles_anew() -> None:

@@ -55,8 +55,10 @@ def run(
     ----------
     out
         Results folder; `runs/EXPERIMENT` unless given. An earlier result there is replaced.
-    val, hal
-        Vertical and horizontal alert limit [m], one or both, instead of the experiment's limits.
+    val
+        Vertical alert limit [m]; it and --hal, one or both, take the place of the experiment's limits.
+    hal
+        Horizontal alert limit [m].
     axes
         Which limits decide, instead of the experiment's: vertical, horizontal or either; repeatable.
     fault
@@ -172,8 +174,10 @@ def observe(
         An IONEX file with maps of the ionosphere, in place of these coefficients; repeatable, for several days.
     method
         A method, `ls`, or one with options of its own, `igg3(k0=2, k1=6)`; repeatable.
-    val, hal
-        Vertical and horizontal alert limit [m], one or both; those of LPV-200 unless given.
+    val
+        Vertical alert limit [m]; it and --hal, one or both, take the place of those of LPV-200.
+    hal
+        Horizontal alert limit [m].
     axes
         Which limit decides: vertical, horizontal or either; the vertical one, where it is given, unless told.
     claims

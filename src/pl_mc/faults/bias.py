@@ -39,7 +39,7 @@ _NUMBER = r"[+-]?(?:[0-9]+\.?[0-9]*|\.[0-9]+)(?:e[+-]?[0-9]+)?"
 _SIZE = re.compile(
     rf"(?P<sign>\+-|[+-])?(?:(?P<law>[a-z]+)\( ?(?P<numbers>{_NUMBER}(?: ?, ?{_NUMBER})*) ?\)"
     rf"|(?P<value>(?![+-]){_NUMBER}))"
-    r"(?: ?(?P<unit>m/s|m))?(?P<independent> independent)?"
+    r"(?: ?(?P<unit>m/s|m))?(?: (?P<together>common|independent))?"
 )
 _NAME = re.compile(r"[^\s,:+()]+")
 _WINDOW = re.compile(r"([0-9]{1,15})-([0-9]{0,15})")
@@ -208,7 +208,7 @@ def _parsed(text: str) -> Bias:
         numbers = {FIXED: (-numbers[0],), UNIFORM: (-numbers[-1], -numbers[0])}.get(law, (-numbers[0], numbers[-1]))
     return Bias(
         of=of, law=law, numbers=numbers, either_sign=size["sign"] == "+-",
-        independent=size["independent"] is not None, per_second=size["unit"] == "m/s",
+        independent=size["together"] == "independent", per_second=size["unit"] == "m/s",
         first_epoch=int(window[1]) if window else None, last_epoch=int(window[2]) if window and window[2] else None,
     )  # fmt: skip
 

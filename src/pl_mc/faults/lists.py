@@ -66,19 +66,17 @@ def biases(g: Geometry, bias_m: Mapping[str, float | tuple[Any, ...]] | str | Se
             f"biases: a table by satellite such as {{'G02': 30.0}}, or text such as G02:+30m, is needed, not "
             f"{shown(bias_m)}."
         )
-    parts, by_name = list[Bias](), dict[str, float]()
+    by_name = dict[str, float]()
     for named, value in bias_m.items():
-        names = tuple(named.split("+")) if isinstance(named, str) else (named,)
+        names = _named_together(named)
         _require_named(g, names)
         if isinstance(value, list | tuple):
-            parts.append(Bias(of=names, law=value[0] if value else "", numbers=tuple(value[1:])))
             continue
-        size_m = require_number(value, field=f"bias of {named}")
-        parts += [Bias(of=(name,), numbers=(size_m,)) for name in names if round(size_m, 9)]
         for name in names:
             if name in by_name:
                 raise InputError(f"biases: {name} is named twice.")
-            by_name[name] = size_m
+            by_name[name] = require_number(value, field=f"bias of {named}")
+    parts = biases_of_table(bias_m)
     if any(part.drawn for part in parts) or not set(by_name) <= set(g.names):
         return _fault(g, parts)
     row = np.zeros(len(g.names))
@@ -104,6 +102,22 @@ def _one_bias(text: str, every: re.Match[str], of: str) -> Bias:
     if len(parts) != 1:
         raise InputError(f"biases: {shown(text)} is no fault; one bias follows {every[1]}, such as {every[1]}:+30m.")
     return parts[0]
+
+
+def biases_of_table(bias_m: Mapping[str, float | Sequence[Any]]) -> list[Bias]:
+    """The biases of a table of sizes [m], or of distributions, by satellite; none of size zero."""
+    parts: list[Bias] = []
+    for named, value in bias_m.items():
+        names = _named_together(named)
+        if isinstance(value, list | tuple):
+            parts.append(Bias(of=names, law=value[0] if value else "", numbers=tuple(value[1:])))
+        elif round(size_m := require_number(value, field=f"bias of {named}"), 9):  # type: ignore[arg-type]
+            parts += [Bias(of=(name,), numbers=(size_m,)) for name in names]
+    return parts
+
+
+def _named_together(named: Any) -> tuple[Any, ...]:
+    return tuple(named.split("+")) if isinstance(named, str) else (named,)
 
 
 def _every(g: Geometry, text: str) -> list[str]:

@@ -11,7 +11,7 @@ import jax.numpy as jnp
 from jax import Array
 from jax.typing import ArrayLike
 
-from pl_mc.alert import VERTICAL, AlertLimits, as_axes
+from pl_mc.alert import AlertLimits, as_axes, as_limits
 from pl_mc.input_errors import InputError, require_whole
 from pl_mc.kernels.events import EVENTS, events, limits_of
 from pl_mc.kernels.linear_model import LinearModel, product
@@ -53,10 +53,10 @@ def count_events(
     model: LinearModel,
     bias_m: ArrayLike,
     methods: Sequence[Method],
-    limits: AlertLimits | ArrayLike,
+    limits: str | AlertLimits | ArrayLike,
     draws: int,
     *,
-    axes: Sequence[str] = (VERTICAL,),
+    axes: str | Sequence[str] | None = None,
     noise_model: ShapesNoise | None = None,
     together: int = 1,
 ) -> Array:
@@ -70,9 +70,10 @@ def count_events(
         model: one geometry, of `pl_mc.kernels.linear_model`.
         bias_m: (f, n) or (n,), bias vectors [m]; zeros where there is no fault.
         methods: records, whose numbers may be traced. There is a row for each of them and axis, method by method.
-        limits: VAL and HAL [m], (2,), or a record.
+        limits: VAL and HAL [m], (2,), or a record or the name of an operation.
         draws: a whole number, known when it is compiled.
-        axes: which limits decide: ``vertical``, ``horizontal``, ``either``.
+        axes: which limits decide: ``vertical``, ``horizontal``, ``either``; unless given the vertical one, where
+            there is one.
         noise_model: one of `pl_mc.noise_models`; Gaussian errors of the model's sigma unless given.
         together: blocks of 256 draws side by side; few suit the caches of a processor, many fill an accelerator.
 
@@ -88,8 +89,9 @@ def count_events(
         raise InputError("methods: a sequence of records such as pl_mc.methods.Ls() is needed; names have no numbers.")
     if bias.ndim != 2 or bias.shape[1] != rows:
         raise InputError(f"bias_m: (f, {rows}) is needed for a model of {rows} rows, not {bias.shape}.")
-    judged = as_axes(axes, limits if isinstance(limits, AlertLimits) else _BOTH)
-    limits_m = jnp.asarray(limits_of(limits, dtype) if isinstance(limits, AlertLimits) else limits, dtype)
+    alert = as_limits(limits) if isinstance(limits, str | AlertLimits) else None
+    judged = as_axes(axes, alert or _BOTH)
+    limits_m = jnp.asarray(limits if alert is None else limits_of(alert, dtype), dtype)
     if limits_m.shape != (2,):
         raise InputError(f"limits: VAL and HAL are needed, an array (2,), not {limits_m.shape}.")
 

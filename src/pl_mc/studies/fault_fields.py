@@ -2,14 +2,14 @@
 
 from __future__ import annotations
 
-from collections.abc import Collection, Mapping
+from collections.abc import Callable, Collection, Mapping
 from typing import Annotated, Any, Literal
 
 import numpy as np
 from pydantic import BeforeValidator, Discriminator, Field, Tag
 from pydantic_core import PydanticCustomError
 
-from pl_mc.faults import Faults, biases, fault_label, ramps, require_text
+from pl_mc.faults import Faults, biases, biases_of_table, fault_label, fault_text, ramps, require_text
 from pl_mc.geometry import Geometry, redundancy_numbers
 from pl_mc.input_errors import InputError
 from pl_mc.studies.spec import Strict, median_redundancy_satellite, require_existing
@@ -58,20 +58,28 @@ def _read_fault(text: Any) -> Any:
     """Text as it is, if it is a fault; what only a geometry can tell is left."""
     if not isinstance(text, str):
         raise PydanticCustomError("fault", "text such as G02:+30m is needed")
+    return _refused_in_words(lambda: require_text(text))
+
+
+def _refused_in_words(made: Callable[[], str]) -> str:
+    """What is made; the sentence of an `InputError` is that of the field."""
     try:
-        return require_text(text)
+        return made()
     except InputError as error:
         raise PydanticCustomError("fault", "{why}", {"why": str(error).removeprefix("biases: ").rstrip(".")}) from None
 
 
 def _one_fault(given: Any) -> Any:
     table = isinstance(given, Mapping) and all(
-        isinstance(value, int | float) and not isinstance(value, bool) for value in given.values()
+        isinstance(value, int | float | list | tuple) and not isinstance(value, bool) for value in given.values()
     )
     if not (table or isinstance(given, str)):
         raise PydanticCustomError(
             "fault", "a table of biases in metres by satellite, or text such as G02:+30m, is needed"
         )
+    if table and any(isinstance(value, list | tuple) for value in given.values()):
+        # A distribution, ["uniform", 5, 100], has the text of its fault.
+        return _refused_in_words(lambda: fault_text(biases_of_table(given)))
     return _read_fault(given) if isinstance(given, str) else given
 
 
@@ -81,7 +89,8 @@ OneFault = Annotated[dict[str, float] | str, BeforeValidator(_one_fault)]
 
 
 class ListedFaults(Strict):
-    """Faults one by one, each a table of biases by satellite [m] or a text, see `pl_mc.biases`.
+    """Faults one by one, each a table of biases [m] or distributions by satellite, or a text, see
+    `pl_mc.biases`.
 
     An empty table and ``none`` are the fault-free case.
     """

@@ -1,8 +1,8 @@
 """Further geometries for a comparison of methods: the strongest, median, weakest of a series, and a sample of it.
 
 The question is whether an order of methods that one epoch shows holds over a day. At every epoch that satellite is
-faulted whose bias moves least squares most in the vertical there, so that geometries are compared under the fault
-that matters most in each.
+faulted whose bias moves least squares most there on the axis that decides, so that geometries are compared under the
+fault that matters most in each.
 """
 
 from __future__ import annotations
@@ -16,12 +16,13 @@ from numpy.typing import NDArray
 from pydantic import Field
 from scipy import special
 
+from pl_mc.alert import EITHER, HORIZONTAL, VERTICAL
 from pl_mc.faults import Faults, no_fault
 from pl_mc.geometry import Geometry
 from pl_mc.input_errors import InputError
 from pl_mc.methods import Method, WTest
 from pl_mc.methods.w_test import LOCAL
-from pl_mc.statistics.least_squares import ls_quantities
+from pl_mc.statistics.least_squares import LsQuantities, ls_quantities
 from pl_mc.studies.fault_fields import RampFaults
 from pl_mc.studies.spec import Strict, epochs_at
 
@@ -29,6 +30,10 @@ FloatArray = NDArray[np.float64]
 
 # The sample's name, and that of the satellite that is faulted in it, another one at every epoch.
 DAY, WORST = "day", "worst"
+
+# What geometries are ranked by on each axis, and how a bias moves the position there.
+DILUTION = {VERTICAL: "VDOP", HORIZONTAL: "HDOP", EITHER: "PDOP"}
+DIRECTION = {VERTICAL: "in the vertical", HORIZONTAL: "horizontally", EITHER: "in all three directions together"}
 
 # Fault-free draws behind the significance of a w-test, in all, and how many are drawn at a time.
 _CALIBRATION, _AT_ONCE = 1_000_000, 50_000
@@ -57,12 +62,14 @@ class Place:
         g: an epoch; or the sample, where at each epoch the faulted satellite has the name `WORST`.
         satellite: the faulted satellite's name in ``g``; None where it is the one that the ramp asks for.
         true_names: that satellite's own name at each epoch.
+        axis: the axis that decides.
     """
 
     name: str
     g: Geometry
     satellite: str | None
     true_names: tuple[str, ...]
+    axis: str = VERTICAL
 
     def faults(self, sizes: RampFaults) -> Faults:
         """The fault-free case, and a ramp of these sizes on the satellite."""
@@ -70,19 +77,32 @@ class Place:
         return no_fault(self.g) + ramp.build(self.g)[0]
 
     def about(self) -> dict[str, object]:
-        """A row of a table: epochs, satellites, redundancy, VDOP (smallest to largest of a sample)."""
+        """A row of a table: epochs, satellites, redundancy, dilution (smallest to largest of a sample)."""
         quantities, series = ls_quantities(self.g), self.g.as_series()
         seen, redundant = series.in_view.sum(axis=1), np.atleast_1d(quantities.dof)
         row: dict[str, object] = {"geometry": self.name, "epochs": len(series)}
         row["epoch"] = int(series.epoch[0]) if len(series) == 1 else -1
-        ranges = {"satellites_{}": seen, "redundant_{}": redundant, "vdop_{}_m": np.asarray(quantities.vdop_m)}
+        dilution_m, _ = dilution_and_reach(quantities, self.axis)
+        ranges = {
+            "satellites_{}": seen, "redundant_{}": redundant, f"{DILUTION[self.axis].lower()}_{{}}_m": dilution_m,
+        }  # fmt: skip
         for name, values in ranges.items():
             row |= {name.format("min"): values.min().item(), name.format("max"): values.max().item()}
         return row | {"faulted": " ".join(dict.fromkeys(self.true_names))}
 
 
-def further_geometries(series: Geometry, every: int) -> tuple[Place, ...]:
-    """The strongest, median and weakest epoch by the VDOP of least squares, and the epochs in steps of ``every``.
+def dilution_and_reach(quantities: LsQuantities, axis: str) -> tuple[FloatArray, FloatArray]:
+    """(...), a dilution of precision of least squares [m], and (..., n), how far a metre of bias moves it [m]."""
+    vertical, horizontal = np.abs(np.nan_to_num(quantities.gain)), np.nan_to_num(quantities.horizontal_gain)
+    across = np.hypot(horizontal[..., 0, :], horizontal[..., 1, :])
+    vdop_m, hdop_m = np.asarray(quantities.vdop_m), np.asarray(quantities.hdop_m)
+    if axis == EITHER:
+        return np.hypot(vdop_m, hdop_m), np.hypot(vertical, across)
+    return (vdop_m, vertical) if axis == VERTICAL else (hdop_m, across)
+
+
+def further_geometries(series: Geometry, every: int, axis: str = VERTICAL) -> tuple[Place, ...]:
+    """The strongest, median and weakest epoch by the dilution on an axis, and epochs in steps of ``every``.
 
     Only epochs with redundancy count; of two in the middle the stronger is the median.
 
@@ -93,12 +113,13 @@ def further_geometries(series: Geometry, every: int) -> tuple[Place, ...]:
     sound = np.flatnonzero(quantities.available)
     if not series.is_series or sound.size < 3:
         raise InputError("day: at least three epochs with redundant satellites are needed; take a longer series.")
-    order = sound[np.argsort(quantities.vdop_m[sound], kind="stable")]
+    dilution_m, reach = dilution_and_reach(quantities, axis)
+    order = sound[np.argsort(dilution_m[sound], kind="stable")]
     picked = {"strongest": order[0], "median": order[(len(order) - 1) // 2], "weakest": order[-1]}
-    rows = np.argmax(np.where(series.in_view, np.abs(np.nan_to_num(quantities.gain)), -1.0), axis=1)
+    rows = np.argmax(np.where(series.in_view, reach, -1.0), axis=1)
     names = [series.names[series.satellite[k, rows[k]]] for k in range(len(series))]
     # As series of one epoch they have the same number of rows, so that one compiled function serves all.
-    made = [Place(name, series[k : k + 1], names[k], (names[k],)) for name, k in picked.items()]
+    made = [Place(name, series[k : k + 1], names[k], (names[k],), axis) for name, k in picked.items()]
     sampled = np.intersect1d(np.arange(0, len(series), every), sound)
     if not sampled.size:
         raise InputError(f"day.every: no epoch with redundant satellites is in the sample; nearest: {every // 2}.")
@@ -109,7 +130,7 @@ def further_geometries(series: Geometry, every: int) -> tuple[Place, ...]:
         epochs_at(series, sampled), satellite=satellite, names=(*series.names, WORST),
         systems=(*series.systems, series.systems[0]),
     )  # fmt: skip
-    return (*made, Place(DAY, day, WORST, tuple(names[k] for k in sampled)))
+    return (*made, Place(DAY, day, WORST, tuple(names[k] for k in sampled), axis))
 
 
 def comparable_elsewhere(records: Iterable[Method], p_fa: float, g: Geometry, seed: int) -> tuple[Method, ...]:

@@ -20,14 +20,9 @@ from pl_mc.report.findings import picture
 from pl_mc.report.text import metres, span
 from pl_mc.statistics.intervals import clopper_pearson
 from pl_mc.studies.compare.tables import Comparison, same_curves, short_name
-from pl_mc.studies.spec import Experiment
+from pl_mc.studies.spec import ByOneAxis
 
-_HEADINGS = {
-    "alarm": "P(alarm), VAL {alert.vertical_m:g} m",
-    "missed": "P(|vertical error| > VAL, no alarm)",
-    "misleading": "P(|vertical error| > VPL, no alarm)",
-    "availability": "PL ≤ AL, no fault",
-}
+_EVENTS = ("alarm", "missed", "misleading")
 _TESTED = ("alarm", "misleading")
 _COLOURS = "viridis_r"
 
@@ -36,7 +31,7 @@ _STYLES = 6
 
 
 @picture("methods", "Rates of events by method and bias, and availability.")
-def comparison_figure(counted: Comparison, experiment: Experiment) -> Figure:
+def comparison_figure(counted: Comparison, experiment: ByOneAxis) -> Figure:
     """Rates of alarms, missed detections and misleading information, method by bias, and availability.
 
     One logarithmic scale of colours for all, which begins at one event; white is none at all.
@@ -60,7 +55,7 @@ def comparison_figure(counted: Comparison, experiment: Experiment) -> Figure:
 
 
 @picture("methods", "Rates of events by method and bias, and availability.")
-def several_geometries_figure(day: Comparison, experiment: Experiment) -> Figure:
+def several_geometries_figure(day: Comparison, experiment: ByOneAxis) -> Figure:
     """Maps of rates, method by bias: a column for each geometry, a row for each event, and availability below."""
     count, names = len(day.methods), day.names
     # Few methods leave room for what stands beside them too.
@@ -91,7 +86,7 @@ def several_geometries_figure(day: Comparison, experiment: Experiment) -> Figure
 
 
 @picture("tests", "Detection rates of the tests at one false-alarm rate.")
-def equal_figure(counted: Comparison, experiment: Experiment) -> Figure:
+def equal_figure(counted: Comparison, experiment: ByOneAxis) -> Figure:
     """Alarms and misleading information of tests at one false-alarm rate, against the bias, with 95 % intervals.
 
     Methods with the same counts everywhere share one curve. Tests whose measured rate is another one are left out.
@@ -112,12 +107,12 @@ def equal_figure(counted: Comparison, experiment: Experiment) -> Figure:
     panels[1].set(xlabel="bias [m]")
     panels[0].axhline(tables.p_fa, color="0.15", linewidth=1.0, linestyle=":")
     panels[0].set_title("P(alarm); dotted: the false-alarm rate")
-    panels[1].set_title(_HEADINGS["misleading"])
+    panels[1].set_title(experiment.decides.probability("misleading"))
     return figure
 
 
 @picture("tests", "Detection rates of the tests at one false-alarm rate.")
-def several_equal_figure(day: Comparison, experiment: Experiment) -> Figure:
+def several_equal_figure(day: Comparison, experiment: ByOneAxis) -> Figure:
     """Alarms and misleading information of tests at one false-alarm rate, a column for each geometry."""
     count, tests, p_fa = len(day.equal), day.tests, day.equal[day.reference].p_fa
     title = f"{experiment.title}: tests at a false-alarm rate of {p_fa:g}"
@@ -139,15 +134,17 @@ def several_equal_figure(day: Comparison, experiment: Experiment) -> Figure:
         panels[0].set_title(_heading(day, name), fontsize=8.5)
         panels[1].set_xlabel("bias [m]")
     axes[0].set_ylabel("P(alarm); dotted: the false-alarm rate")
-    axes[count].set_ylabel(_HEADINGS["misleading"])
+    axes[count].set_ylabel(experiment.decides.probability("misleading"))
     order = [name for name in tests if name in shown]
     look: Any = {"loc": "outside lower center", "ncols": min(4, len(order)), "fontsize": 8}
     figure.legend([shown[name] for name in order], order, **look)
     return figure
 
 
-def _headings(experiment: Experiment) -> list[str]:
-    return [heading.format(alert=experiment.alert_limits()) for heading in _HEADINGS.values()]
+def _headings(experiment: ByOneAxis) -> list[str]:
+    judged = experiment.decides
+    alarm, *others = (judged.probability(event) for event in _EVENTS)
+    return [f"{alarm}, {judged.limits()}", *others, "PL ≤ AL, no fault"]
 
 
 def _maps_and_bars(
@@ -158,7 +155,7 @@ def _maps_and_bars(
 
     Bounds of the availability would be narrower than a line.
     """
-    for panel, event in zip(panels[:-1], _HEADINGS, strict=False):
+    for panel, event in zip(panels[:-1], _EVENTS, strict=True):
         _rate_map(panel, rates, event, methods, norm, ticks)
     shares = overview.set_index("method").loc[methods].availability
     panels[-1].barh(range(len(shares)), shares, height=0.62, color="0.78")
@@ -219,4 +216,4 @@ def _heading(day: Comparison, name: str) -> str:
     if row.epochs > 1:
         return f"{name}: {row.epochs} epochs, {seen} satellites\nworst satellite of each"
     at = "" if name.startswith("epoch ") else f", epoch {row.epoch}"
-    return f"{name}{at}: {seen} satellites\n{row.faulted}, VDOP {metres(row.vdop_min_m)} m"
+    return f"{name}{at}: {seen} satellites\n{row.faulted}, {day.dilution} {metres(day.dilution_m(row)[0])} m"

@@ -14,7 +14,7 @@ from typing import Annotated, Literal
 import pandas as pd
 from pydantic import Field
 
-from pl_mc.alert import EITHER, AlertLimits, as_alert
+from pl_mc.alert import EITHER, Judged, as_axes
 from pl_mc.engine import Execution
 from pl_mc.input_errors import InputError
 from pl_mc.methods import METHODS, Method, as_methods, method
@@ -26,7 +26,7 @@ from pl_mc.studies.compare.tables import Comparison, EqualTables, equal_table, f
 from pl_mc.studies.compare.text import summary
 from pl_mc.studies.fault_fields import RampFaults
 from pl_mc.studies.planned_sweep import PlannedSweep
-from pl_mc.studies.spec import Experiment, MethodChoice, SimulatedGeometry, Strict
+from pl_mc.studies.spec import ByOneAxis, MethodChoice, SimulatedGeometry, Strict
 
 # What a reader who ranks methods by level or availability has to know.
 LEVELS_DIFFER = (
@@ -62,7 +62,7 @@ class EqualTests(Strict):
         return as_methods([method(choice.name, **{"p_fa": self.p_fa} | choice.options) for choice in self.methods])
 
 
-class CompareExperiment(Experiment):
+class CompareExperiment(ByOneAxis):
     """All methods under one ramp, and tests once more at one false-alarm rate.
 
     Attributes:
@@ -79,22 +79,26 @@ class CompareExperiment(Experiment):
     equal: EqualTests | None = None
     day: DayChoice | None = None
 
-    def alert_limits(self) -> AlertLimits:
-        """The alert limits: the vertical one decides on events, both on availability."""
-        return as_alert(self.given_limits(), horizontal_too=True)
-
     def judged_axes(self) -> tuple[str, ...]:
-        """Both levels have to be within their limits."""
-        return (EITHER,)
+        """Whatever decides on events: levels have to be within all limits that there are."""
+        limits = tuple(self.alert_limits().limit_m)
+        return limits if len(limits) == 1 else (EITHER,)
+
+    @property
+    def decides(self) -> Judged:
+        """The axis that decides on events, with its limits."""
+        (axis,) = as_axes(self.axes, self.alert_limits())
+        return Judged(self.alert_limits(), axis)
 
     def places(self) -> tuple[Place, ...]:
         """The experiment's own geometry, and the further ones if they are asked for."""
         g = self.geometry.one_epoch()
-        own = Place(f"epoch {int(g.epoch)}", g, None, (self.faults.satellite,))
+        axis = self.decides.axis
+        own = Place(f"epoch {int(g.epoch)}", g, None, (self.faults.satellite,), axis)
         if self.day is None:
             return (own,)
         series = self.geometry.model_copy(update={"epoch": None}).build()
-        return (own, *further_geometries(series, self.day.every))
+        return (own, *further_geometries(series, self.day.every, axis))
 
     def planned(self, place: Place) -> tuple[PlannedSweep, ...]:
         """The sweeps of a place: of all methods, and of the tests that have the false-alarm rate there, if any."""
@@ -121,19 +125,19 @@ def run(experiment: CompareExperiment, execution: Execution) -> Findings:
     """Rates and overviews of all methods, and of tests at one false-alarm rate, at one geometry or at several."""
     places = experiment.places()
     counted = _count(experiment, places, execution)
-    own, several, tests = counted.reference, len(places) > 1, counted.equal
+    own, several, tests, named = counted.reference, len(places) > 1, counted.equal, experiment.with_axis
     draw = figures.several_geometries_figure if several else figures.comparison_figure
     pictures = [draw(counted, experiment)]
     tables = [
         Table("rates", counted.own_rates, _chart("all methods")),
-        Table("overview", counted.overview if several else counted.own(counted.overview)),
+        Table("overview", named(counted.overview if several else counted.own(counted.overview))),
     ]
     if several:
         elsewhere = counted.rates[counted.rates.geometry != own]
         tables += [
             Table("day_rates", elsewhere, _chart("all methods at further geometries", "geometry")),
             Table("geometries", counted.geometries),
-            Table("means", counted.means()),
+            Table("means", named(counted.means())),
             Table("day_epochs", counted.epochs, stored="parquet"),
         ]
     if tests:
@@ -142,12 +146,12 @@ def run(experiment: CompareExperiment, execution: Execution) -> Findings:
         fits = joined({name: part.tests for name, part in tests.items()})
         tables += [
             Table("equal_rates", tests[own].rates, _chart("tests at one false-alarm rate")),
-            Table("equal", fits if len(tests) > 1 else counted.own(fits)),
+            Table("equal", named(fits if len(tests) > 1 else counted.own(fits))),
         ]
     if len(tests) > 1:
         elsewhere = joined({name: part.rates for name, part in tests.items() if name != own})
         chart = _chart("tests at one false-alarm rate at further geometries", "geometry")
-        tables += [Table("equal_means", counted.equal_means()), Table("day_equal_rates", elsewhere, chart)]
+        tables += [Table("equal_means", named(counted.equal_means())), Table("day_equal_rates", elsewhere, chart)]
     return Findings(
         summary=summary(counted, places[0].g, experiment),
         tables=tuple(tables),

@@ -8,6 +8,7 @@ from __future__ import annotations
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
 from itertools import product
+from typing import Any
 
 import numpy as np
 import pandas as pd
@@ -85,6 +86,15 @@ class Comparison:
         return self.names[0]
 
     @property
+    def dilution(self) -> str:
+        """What geometries are ranked by, ``VDOP``."""
+        return next(name[:4].upper() for name in self.geometries if name.endswith("dop_min_m"))
+
+    def dilution_m(self, row: Any) -> tuple[float, float]:
+        """The smallest and the largest dilution of a row of `geometries` [m]."""
+        return tuple(getattr(row, f"{self.dilution.lower()}_{end}_m") for end in ("min", "max"))
+
+    @property
     def methods(self) -> list[str]:
         """The methods, in order."""
         return list(dict.fromkeys(self.rates.method))
@@ -117,8 +127,8 @@ def fault_free_table(experiment: Experiment, planned: PlannedSweep) -> pd.DataFr
     """What methods say where nothing is wrong, draw by draw of the sweep's own noise, at one epoch or at several.
 
     Returns:
-        ``method, draws, within`` (both levels within their alert limits), the share with its bounds, and quantiles
-        of the levels [m].
+        ``method, draws, within`` (levels within the alert limits that there are), the share with its bounds, and
+        quantiles of the levels [m].
     """
     series, alert = planned.g.as_series(), experiment.alert_limits()
     # Epoch by epoch, of which no more is kept than levels.

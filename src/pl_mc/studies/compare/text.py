@@ -9,47 +9,44 @@ from typing import Any
 import numpy as np
 import pandas as pd
 
-from pl_mc.alert import VERTICAL, AlertLimits, Judged
+from pl_mc.alert import AlertLimits, Judged, judged_by
 from pl_mc.geometry import Geometry
 from pl_mc.report.document import Block, Bullets, Heading, Summary, TextTable
 from pl_mc.report.figures import method_label
 from pl_mc.report.text import ANSWERED, event_text, grouped, listed, metres, percent, rate_text, span
 from pl_mc.statistics.intervals import clopper_pearson
 from pl_mc.statistics.least_squares import ls_quantities
+from pl_mc.studies.compare.day import DIRECTION, dilution_and_reach
 from pl_mc.studies.compare.tables import Comparison, EqualTables, orders, same_curves, short_name, worst
-from pl_mc.studies.spec import Experiment
+from pl_mc.studies.spec import ByOneAxis
 
 _SHOWN_BIASES = 7
 
-# Columns of the overview's events at the worst bias, with their events.
-_WORST = {"missed": "missed", "misleading": "misleading", "error > VAL": "hazard"}
+# Events at the worst bias, of which the overview has columns.
+_WORST = ("missed", "misleading", "hazard")
 
-_ORDERED = {
-    "missed": "missed detections",
-    "misleading": "misleading information",
-    "hazard": "errors beyond VAL, alarm or not",
-}
 # Pairs of methods that are named one by one.
 _NAMED = 6
 
 
-def summary(counted: Comparison, g: Geometry, experiment: Experiment) -> Summary:
+def summary(counted: Comparison, g: Geometry, experiment: ByOneAxis) -> Summary:
     """Findings in sentences, then the tables, of the experiment's own geometry ``g``; over several in front."""
-    quantities, several, alert = ls_quantities(g), len(counted.names) > 1, experiment.alert_limits()
+    quantities, several, judged = ls_quantities(g), len(counted.names) > 1, experiment.decides
+    alert, (dilution_m, _) = judged.alert, dilution_and_reach(quantities, judged.axis)
     rates, overview = counted.own_rates, counted.own(counted.overview)
     tests = counted.equal.get(counted.reference)
     blocks: list[Block | str] = [
-        f"{len(g.names)} satellites, {int(quantities.dof)} redundant, VDOP {metres(float(quantities.vdop_m))} m of "
-        f"least squares; alert limits {alert.name}, {alert.words}. "
+        f"{len(g.names)} satellites, {int(quantities.dof)} redundant, {counted.dilution} "
+        f"{metres(float(dilution_m))} m of least squares; alert limits {alert.name}, {alert.words}. "
         f"{int(rates.draws.min()):,} draws for each fault, the same for all methods, seed {experiment.seed}. Rates "
         "with 95 % Clopper-Pearson bounds; `0 (< x %)` is the upper bound where nothing was seen.",
-        *(_over_the_day(counted, alert) if several else ()),
+        *(_over_the_day(counted, judged) if several else ()),
         Heading(f"Findings at {counted.reference}" if several else "Findings"),
-        Bullets(tuple(findings(overview, tests, alert))),
+        Bullets(tuple(findings(overview, tests, judged))),
         Heading("As they are by default"),
         "Their false-alarm rates differ: alarm rates of one line must not be held against those of another. "
-        "Missed, misleading and error > VAL: at the bias at which each is most frequent.",
-        _overview(overview),
+        f"Missed, misleading and {_beyond(judged, limits=True)}: at the bias at which each is most frequent.",
+        _overview(overview, judged),
     ]
     for event in ("alarm", "misleading"):
         blocks += [f"P({event}) by bias:", _by_bias(rates, event)]
@@ -62,43 +59,57 @@ def summary(counted: Comparison, g: Geometry, experiment: Experiment) -> Summary
         ]
     return (
         *blocks,
-        "alarm: VPL > VAL, or the method's test rejects, or no solution. missed: |vertical error| > VAL and no "
-        "alarm. misleading: |vertical error| > VPL and no alarm. PL <= AL: VPL <= VAL and HPL <= HAL without a "
-        "fault.",
+        f"alarm: {judged.alarm}, or the method's test rejects, or no solution. missed: {judged.beyond_limit} and no "
+        f"alarm. misleading: {judged.beyond_level} and no alarm. PL <= AL: {_within(alert)} without a fault.",
     )
 
 
-def answer(tables: Mapping[str, pd.DataFrame], experiment: Experiment) -> tuple[str, ...]:
+def answer(tables: Mapping[str, pd.DataFrame], experiment: ByOneAxis) -> tuple[str, ...]:
     """Least squares and IGG-III, the worst of the others, and how many have no event at any bias."""
     sentences = []
-    judged = Judged(experiment.alert_limits(), VERTICAL)
+    judged = experiment.decides
     for event in ANSWERED:
         most = worst(tables["rates"], event).set_index("method")
         rate = most[f"{event}_rate"]
         known = [name for name in ("ls", "igg3") if name in most.index]
-        parts = [f"{method_label(name)} {event_text(most.loc[name], event)}" for name in known]
+        parts = [f"{method_label(name, judged.axis)} {event_text(most.loc[name], event)}" for name in known]
         others = rate[rate > 0].drop(known, errors="ignore")
         if len(others):
             name = str(others.idxmax())
-            parts.append(f"the most of the others {method_label(name)}, {event_text(most.loc[name], event)}")
+            parts.append(
+                f"the most of the others {method_label(name, judged.axis)}, {event_text(most.loc[name], event)}"
+            )
         parts.append(f"none with {int((rate == 0).sum())} of {len(most)} methods")
         sentences.append(f"{judged.means(event)}, at each one's worst bias: {'; '.join(parts)}.")
     return tuple(sentences)
 
 
-def findings(overview: pd.DataFrame, tests: EqualTables | None, alert: AlertLimits) -> list[str]:
+def _within(alert: AlertLimits) -> str:
+    """``VPL <= VAL and HPL <= HAL``, of the limits that there are."""
+    return " and ".join(f"{one.level} <= {one.limit}" for axis in alert.limit_m for one in Judged(alert, axis).called)
+
+
+def _beyond(judged: Judged, *, limits: bool) -> str:
+    """``error > VAL``, or with its level."""
+    return "error " + " or ".join(f"> {one.limit if limits else one.level}" for one in judged.called)
+
+
+def findings(overview: pd.DataFrame, tests: EqualTables | None, judged: Judged) -> list[str]:
     """What the tables say, a sentence or two for each question."""
-    val = f"{alert.vertical_m:g} m"
+    limits = [f"{limit_m:g} m" for _, _, limit_m in judged.levels]
+    level = " or ".join(f"{one.error} beyond {one.level}" for one in judged.called)
+    limit = " or ".join(f"{one.error} beyond {m}" for one, m in zip(judged.called, limits, strict=True))
+    where = " or ".join(f"{m} {axis}ly" for m, axis in zip(limits, judged_by(judged.axis), strict=True))
     rates = {
-        "fault_free_misleading": "Misleading information without a fault (vertical error beyond VPL)",
-        "missed": f"Missed detections (vertical error beyond {val} without an alarm), at the worst bias",
-        "misleading": "Misleading information (vertical error beyond VPL without an alarm), at the worst bias",
-        "hazard": f"The position itself, alarm or not, is beyond {val} vertically, at the worst bias",
+        "fault_free_misleading": f"Misleading information without a fault ({level})",
+        "missed": f"Missed detections ({limit} without an alarm), at the worst bias",
+        "misleading": f"Misleading information ({level} without an alarm), at the worst bias",
+        "hazard": f"The position itself, alarm or not, is beyond {where}, at the worst bias",
     }
     return [
         f"Alarms without a fault: {_by_rate(overview, 'fault_free_alarm')}.",
-        _availability(overview),
-        _levels(overview),
+        _availability(overview, judged.alert),
+        *(_median_levels(overview, pl, name) for pl, name, _ in judged.levels),
         *(f"{what}: {_by_rate(overview, event)}." for event, what in rates.items()),
         *(_at_equal_rates(tests) if tests is not None else ()),
     ]
@@ -120,7 +131,7 @@ def _shared(texts: Iterable[tuple[str, str]]) -> list[str]:
     return [f"{text} with {listed(methods)}" for text, methods in grouped(texts).items()]
 
 
-def _availability(overview: pd.DataFrame) -> str:
+def _availability(overview: pd.DataFrame, alert: AlertLimits) -> str:
     always = overview[overview.within == overview.draws]
     rest = overview[overview.within < overview.draws].sort_values("availability")
     parts = [f"{availability_text(row)} with {row.method}" for row in rest.itertuples()]
@@ -128,15 +139,17 @@ def _availability(overview: pd.DataFrame) -> str:
         bound = percent(always.availability_low.min())
         methods = listed(list(always.method)) if len(rest) else "every method"
         parts.append(f"all draws (> {bound} %) with {methods}")
-    return f"Both protection levels are within their alert limits without a fault in {'; '.join(parts)}."
+    both = len(alert.limit_m) > 1
+    what = "Both protection levels are within their alert limits" if both else f"{_within(alert)}"
+    return f"{what} without a fault in {'; '.join(parts)}."
 
 
-def _levels(overview: pd.DataFrame) -> str:
-    ranked = overview.dropna(subset="vpl_50_m").sort_values("vpl_50_m")
+def _median_levels(overview: pd.DataFrame, pl: str, name: str) -> str:
+    ranked = overview.dropna(subset=f"{pl}_50_m").sort_values(f"{pl}_50_m")
     if ranked.empty:
-        return "No method has a protection level."
-    levels = [f"{metres(row.vpl_50_m)} m with {row.method}" for row in ranked.itertuples()]
-    return f"The median VPL without a fault, from the smallest: {', '.join(levels)}."
+        return f"No method has a {'protection level' if name == 'VPL' else name}."
+    levels = [f"{metres(getattr(row, f'{pl}_50_m'))} m with {row.method}" for row in ranked.itertuples()]
+    return f"The median {name} without a fault, from the smallest: {', '.join(levels)}."
 
 
 def _at_equal_rates(tables: EqualTables) -> list[str]:
@@ -174,11 +187,18 @@ def _at_equal_rates(tables: EqualTables) -> list[str]:
     return sentences
 
 
-def _overview(overview: pd.DataFrame) -> TextTable:
-    header = ["method", "alarms, no fault", "PL <= AL, no fault", "VPL 50 / 95 % [m]", *_WORST]
+def _overview(overview: pd.DataFrame, judged: Judged) -> TextTable:
+    header = [
+        "method", "alarms, no fault", "PL <= AL, no fault", *(f"{name} 50 / 95 % [m]" for _, name, _ in judged.levels),
+        *_WORST[:-1], _beyond(judged, limits=True),
+    ]  # fmt: skip
+
+    def median(row: Any, pl: str) -> str:
+        return " / ".join(metres(getattr(row, f"{pl}_{percent}_m")) for percent in (50, 95))
+
     rows = [
         [row.method, event_text(row, "fault_free_alarm"), availability_text(row),
-         f"{metres(row.vpl_50_m)} / {metres(row.vpl_95_m)}", *(worst_text(row, event) for event in _WORST.values())]
+         *(median(row, pl) for pl, _, _ in judged.levels), *(worst_text(row, event) for event in _WORST)]
         for row in overview.itertuples()
     ]  # fmt: skip
     return TextTable.of(header, rows)
@@ -219,15 +239,18 @@ def _some_faults(rates: pd.DataFrame) -> list[str]:
     return [faults[round(k)] for k in place]
 
 
-def _over_the_day(day: Comparison, alert: AlertLimits) -> Summary:
+def _over_the_day(day: Comparison, judged: Judged) -> Summary:
     """The findings of all geometries, and the tables behind them."""
+    limits = " or ".join(
+        f"> {one.limit} {limit_m:g} m" for one, (_, _, limit_m) in zip(judged.called, judged.levels, strict=True)
+    )
     cells: dict[str, Callable[[pd.Series], str]] = {
         "Alarms without a fault": partial(event_text, event="fault_free_alarm"),
-        "VPL <= VAL and HPL <= HAL without a fault": availability_text,
+        f"{_within(judged.alert)} without a fault": availability_text,
     }
     for what, event in (
-        (f"Missed detections (error > VAL {alert.vertical_m:g} m, no alarm)", "missed"),
-        ("Misleading information (error > VPL, no alarm)", "misleading"),
+        (f"Missed detections (error {limits}, no alarm)", "missed"),
+        (f"Misleading information ({_beyond(judged, limits=False)}, no alarm)", "misleading"),
     ):
         cells[f"{what}, at the worst bias of each geometry"] = partial(worst_text, event=event)
     tables: list[Block | str] = []
@@ -235,12 +258,12 @@ def _over_the_day(day: Comparison, alert: AlertLimits) -> Summary:
         tables += [f"{what}:", _by_geometry(day, day.overview, cell)]
     return (
         Heading("Over the day"),
-        "Strongest, median and weakest are epochs of the same series by the VDOP of least squares; the day is a "
-        "sample of it in equal steps. At each epoch that satellite is faulted whose bias moves least squares most "
-        "in the vertical. All methods and all biases see the same noise at an epoch, every epoch its own. Bounds "
-        "are about the noise at these epochs.",
+        f"Strongest, median and weakest are epochs of the same series by the {day.dilution} of least squares; the day "
+        "is a sample of it in equal steps. At each epoch that satellite is faulted whose bias moves least squares most "
+        f"{DIRECTION[judged.axis]}. All methods and all biases see the same noise at an epoch, every epoch its own. "
+        "Bounds are about the noise at these epochs.",
         _geometries(day),
-        Bullets((*_orders_of_methods(day), _never_misleading(day), *_orders_of_tests(day))),
+        Bullets((*_orders_of_methods(day, judged), _never_misleading(day), *_orders_of_tests(day))),
         *tables,
         "Misleading information averaged over the biases of the ramp, with the smallest and the largest of the "
         "sampled epochs (counts of that epoch alone, no bounds):",
@@ -250,7 +273,7 @@ def _over_the_day(day: Comparison, alert: AlertLimits) -> Summary:
 
 
 def availability_text(row: Any) -> str:
-    """In how many draws without a fault both levels were within their alert limits, of a row of an overview."""
+    """In how many draws without a fault levels were within their alert limits, of a row of an overview."""
     return rate_text(int(row.within), int(row.draws), row.availability_low, row.availability_high)
 
 
@@ -263,18 +286,26 @@ def worst_text(row: Any, event: str) -> str:
 def _geometries(day: Comparison) -> TextTable:
     rows = []
     for row in day.geometries.itertuples():
-        low, high = metres(row.vdop_min_m), metres(row.vdop_max_m)
+        least_m, most_m = day.dilution_m(row)
+        low, high = metres(least_m), metres(most_m)
         epoch = row.epoch if row.epoch >= 0 else f"{row.epochs} epochs"
         seen, redundant = span(row.satellites_min, row.satellites_max), span(row.redundant_min, row.redundant_max)
-        vdop = low if row.vdop_min_m == row.vdop_max_m else f"{low} to {high}"
-        rows.append([row.geometry, epoch, seen, redundant, vdop, row.faulted])
-    return TextTable.of(["geometry", "epoch", "satellites", "redundant", "VDOP [m]", "faulted satellite"], rows)
+        dilution = low if least_m == most_m else f"{low} to {high}"
+        rows.append([row.geometry, epoch, seen, redundant, dilution, row.faulted])
+    return TextTable.of(
+        ["geometry", "epoch", "satellites", "redundant", f"{day.dilution} [m]", "faulted satellite"], rows
+    )
 
 
-def _orders_of_methods(day: Comparison) -> list[str]:
+def _orders_of_methods(day: Comparison, judged: Judged) -> list[str]:
     """Whether the order of methods at the experiment's own epoch holds elsewhere, event by event."""
     sentences, means, last = [], day.means(), day.names[-1]
-    for event, what in _ORDERED.items():
+    limits = " or ".join(one.limit for one in judged.called)
+    ordered = {
+        "missed": "missed detections", "misleading": "misleading information",
+        "hazard": f"errors beyond {limits}, alarm or not",
+    }  # fmt: skip
+    for event, what in ordered.items():
         kept, turned = _orders(means, event, day.names)
         text = (
             f"Order by {what}, averaged over the biases: of pairs of methods whose bounds lie apart both at "

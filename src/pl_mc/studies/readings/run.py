@@ -20,9 +20,12 @@ from pl_mc.report.text import metres, percent
 from pl_mc.studies.series.run import SeriesExperiment, draw_rows, solved
 from pl_mc.studies.series.run import work as series_work
 from pl_mc.studies.series.zhao2021 import ACCURACY_COLUMNS, PAPER
-from pl_mc.studies.spec import Experiment, Strict
+from pl_mc.studies.spec import ByOneAxis, Strict
 from pl_mc.studies.study import Work
 from pl_mc.studies.validation import validated
+
+# Columns of the median levels at epochs without a fault begin so.
+_CLEAN = "median_clean_"
 
 # Every reading compiles its method anew; from the seconds of the manifest of the shipped experiment, on two cores.
 _SOLUTIONS_PER_S = 3.1e4
@@ -45,7 +48,7 @@ class Reading(Strict):
     faults: dict[str, Any] = Field(default_factory=dict)
 
 
-class ReadingsExperiment(Experiment):
+class ReadingsExperiment(ByOneAxis):
     """A base, with the fields of a ``series``, and readings that each change something of it.
 
     Attributes:
@@ -63,7 +66,7 @@ class ReadingsExperiment(Experiment):
 
     def series(self, reading: Reading) -> SeriesExperiment:
         """The series of one reading; an `InputError` names an unsound field."""
-        content = self.model_dump(include={"alert", "seed", "precision", "compare", "redraws"}) | {
+        content = self.model_dump(include={"alert", "axes", "seed", "precision", "compare", "redraws"}) | {
             "kind": "series", "title": f"{self.title}: {reading.label}",
             "source": self.source | reading.source, "faults": self.faults | reading.faults,
             "methods": [{"name": "ls"}, {"name": "igg3"} | reading.igg3],
@@ -77,7 +80,7 @@ def run(experiment: ReadingsExperiment, execution: Execution) -> Findings:
     """One row per reading and draw, and how far each reading is from the paper."""
     # All readings are sound before the first is run.
     made = [(reading, experiment.series(reading)) for reading in experiment.readings]
-    (judged,), paper = experiment.judged(), PAPER[experiment.compare]
+    judged, paper = experiment.decides, PAPER[experiment.compare]
     rows: list[dict[str, object]] = []
     for reading, base in made:
         series = base.source.series(draws=base.redraws + 1, seed=base.seed, precision=base.precision)
@@ -86,10 +89,11 @@ def run(experiment: ReadingsExperiment, execution: Execution) -> Findings:
             clean = table[~table.faulted]
             for row, role in zip(draw_rows(table, faults, redraw, judged), ("before", "after"), strict=True):
                 part = clean[clean.method == row["method"]]
-                extra = {"median_clean_vpl_m": part.vpl_m.median(), "clean_alarm_rate": part.alarm.mean()}
+                extra: dict[str, object] = {f"{_CLEAN}{pl}_m": part[f"{pl}_m"].median() for pl, _, _ in judged.levels}
+                extra["clean_alarm_rate"] = part.alarm.mean()
                 rows.append({"varies": reading.varies, "reading": reading.label, "role": role} | row | extra)
-    draws = pd.DataFrame(rows)
-    distances = distance_table(draws, paper.before_m, paper.after_m)
+    draws = experiment.with_axis(pd.DataFrame(rows))
+    distances = experiment.with_axis(distance_table(draws, paper.before_m, paper.after_m), behind="reading")
     return Findings(
         summary=summary(experiment, distances), tables=(Table("distances", distances), Table("readings", draws))
     )
@@ -124,7 +128,7 @@ def distance_table(draws: pd.DataFrame, before_m: ArrayLike, after_m: ArrayLike)
             numbers |= {name: part[name].median() for name in ("up_95_m", "up_rms_m")}
             for rate, count in (("alarm_rate", "alarms"), ("unavailable_rate", "unavailable")):
                 numbers[rate] = part[count].sum() / part.faulted_epochs.sum()
-            numbers["median_clean_vpl_m"] = part.median_clean_vpl_m.median()
+            numbers |= {name: part[name].median() for name in part if str(name).startswith(_CLEAN)}
             numbers["clean_alarm_rate"] = part.clean_alarm_rate.mean()
             row |= {f"{role}_{name}": number for name, number in numbers.items()}
         rows.append(row)
@@ -136,7 +140,7 @@ def summary(experiment: ReadingsExperiment, distances: pd.DataFrame) -> Summary:
 
     ``distances`` is from `distance_table`.
     """
-    paper = PAPER[experiment.compare]
+    paper, judged = PAPER[experiment.compare], experiment.decides
 
     def change(row: Mapping[str, Any], column: str) -> str:
         words = percent if column.endswith("rate") else metres
@@ -145,21 +149,27 @@ def summary(experiment: ReadingsExperiment, distances: pd.DataFrame) -> Summary:
     rows = [
         [row["varies"], row["reading"], _factor(row, "before", ".2f", "-"), _factor(row, "after", ".2f", "-"),
          *(change(row, column) for column in ("up_95_m", "up_rms_m", "alarm_rate")),
-         percent(row["after_unavailable_rate"]), change(row, "median_clean_vpl_m")]
+         percent(row["after_unavailable_rate"]), *(change(row, f"{_CLEAN}{pl}_m") for pl, _, _ in judged.levels)]
         for row in distances.to_dict("records")
     ]  # fmt: skip
     printed = [f"{metres(b)} -> {metres(a)}" for b, a in zip(paper.before_m[2], paper.after_m[2], strict=True)]
-    rows.append(["", f"Zhao et al. 2021, table {paper.table}", "1", "1", *printed, "-", "-", "-"])
+    rows.append(
+        ["", f"Zhao et al. 2021, table {paper.table}", "1", "1", *printed, "-", "-", *("-" for _ in judged.levels)]
+    )
     header = [
         "question", "reading", "factor, before", "factor, after", "U 95 % [m]", "U RMS [m]",
-        "alarms in windows [%]", "no solution, robust [%]", "median VPL, no fault [m]",
+        "alarms in windows [%]", "no solution, robust [%]",
+        *(f"median {name}, no fault [m]" for _, name, _ in judged.levels),
     ]  # fmt: skip
+    # What the paper judges by needs no word.
+    judging = f" Alarm: {judged.alarm} ({judged.alert.name}, {judged.limits()}), or no solution."
     nearest = distances.loc[distances.after_factor.idxmin()]
     return (
         f"Each reading changes one thing of the base (first row). {experiment.redraws + 1} draws of "
         "satellites, sizes and noise; medians, with the smallest and largest in brackets. Before: least "
         "squares; after: IGG-III. The factor, exp(rms ln(ours / paper)), is the typical one between our six "
-        f"values and the paper's column of table {paper.table}; 1 would be every value met.",
+        f"values and the paper's column of table {paper.table}; 1 would be every value met."
+        + (judging if "axis" in distances else ""),
         TextTable.of(header, rows),
         f"Nearest after: {nearest['reading']} ({nearest['after_factor']:.2f}). What n is in n - t touches "
         "protection levels alone, so the paper's table of errors cannot tell those readings apart.",

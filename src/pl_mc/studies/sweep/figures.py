@@ -27,15 +27,6 @@ from pl_mc.report.figures import (
 )
 
 
-def _probability(event: str, judged: Judged) -> str:
-    """``P(|vertical error| > VPL, no alarm)``."""
-    if event == "alarm":
-        return "P(alarm)"
-    if judged.axis == EITHER:
-        return f"P(an error > its {'limit' if event == 'missed' else 'level'}, no alarm)"
-    return f"P({judged.beyond_limit if event == 'missed' else judged.beyond_level}, no alarm)"
-
-
 def _level_words(judged: Judged) -> str:
     return "protection level" if judged.axis == EITHER else f"{judged.axis} protection level"
 
@@ -93,7 +84,7 @@ def ramp_figure(
             bottom, f"{one.promised}, what {one.multiplier} stands for", (0.995, one.promise), shift=(0, 2),
             xycoords=("axes fraction", "data"), ha="right", va="bottom", fontsize=8.5, color="0.15",
         )  # fmt: skip
-    bottom.set(yscale="log", ylabel=_probability("misleading", judged), xlabel="bias [m]")
+    bottom.set(yscale="log", ylabel=judged.probability("misleading"), xlabel="bias [m]")
     bottom.set_ylim(0.01 * min(one.promise for one in judged.called), 2.0)
     bottom.set_title("Misleading information (arrow: 95 % upper bound where nothing was seen)")
     bottom.legend(loc="best", ncols=2)
@@ -121,7 +112,7 @@ def rates_by_fault_figure(rates: pd.DataFrame, *, judged: Judged, title: str) ->
             )  # fmt: skip
     left.set(yticks=range(len(place)), yticklabels=place, xlabel=f"P(alarm), {judged.limits()}")
     left.invert_yaxis()
-    right.set(xlabel=_probability("misleading", judged))
+    right.set(xlabel=judged.probability("misleading"))
     left.set_title("Alarms, with 95 % intervals")
     right.set_title("Misleading information")
     right.legend(loc="best")
@@ -169,7 +160,7 @@ def satellite_figure(rates: pd.DataFrame, satellites: pd.DataFrame, *, judged: J
     for row, (event, heading, norm) in enumerate(
         (
             ("alarm", f"P(alarm), {judged.limits()}", Normalize(0.0, 1.0)),
-            ("misleading", _probability("misleading", judged), LogNorm(floor, 1.0)),
+            ("misleading", judged.probability("misleading"), LogNorm(floor, 1.0)),
         )
     ):
         panels = axes[row * len(methods) : (row + 1) * len(methods)]
@@ -201,7 +192,7 @@ def map_figure(rates: pd.DataFrame, *, event: str, judged: Judged, title: str) -
     places = np.arange(len(satellites))
     height_in = 1.0 + (1.0 + 0.115 * len(satellites)) * len(methods)
     figure, axes = new_figure(len(methods), 1, width_in=9.0, height_in=height_in, sharex=True)
-    meaning = _probability(event, judged)
+    meaning = judged.probability(event)
     figure.suptitle(f"{title}: {meaning}, mean over the biases; {judged.limits()}", x=0.01, ha="left")
     column = f"{event}_rate"
     floor = 0.5 / rates.draws.max()
