@@ -19,6 +19,7 @@ from pl_mc.engine.calls import Chunk
 from pl_mc.experiments import running
 from pl_mc.report.findings import Findings
 from pl_mc.studies import sweep
+from reference.damage import FORGED_ROWS, forged
 
 SMALL = """
 kind = "sweep"
@@ -255,6 +256,30 @@ def test_shares_are_merged(folder: Path, capsys: pytest.CaptureFixture[str], mon
     part.with_name("part-000009.parquet").symlink_to(secret)
     assert "it is a link; the parts of a share are" in refused(capsys, "merge", "first", "others", "--out", "linked")
     assert not any(path.read_bytes() == secret.read_bytes() for path in Path().rglob("linked*/**/*.parquet"))
+
+
+def test_a_merge_that_was_refused_is_none_when_its_shares_are_mended(
+    folder: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """What it had gathered, with a checksum that is right, had stood before what was counted again."""
+    monkeypatch.setattr(plan, "SCENARIOS_PER_CALL", 1)
+    monkeypatch.setattr(plan, "CALLS_PER_PART", 3)
+    main(["run", "small.toml", "--draws", "3000", "--out", "whole"])
+    main(["run", "small.toml", "--draws", "3000", "--out", "share", "--shard", "1/1"])
+    part = sorted(Path("share.unfinished").rglob("*.parquet"))[1]
+    sound = part.read_bytes()
+    part.write_bytes(forged(sound, FORGED_ROWS["more draws"]))
+    capsys.readouterr()
+    assert "part 1 of 4 (counted from 0) is damaged" in refused(capsys, "merge", "share", "--out", "merged")
+    part.write_bytes(sound)
+    # Nor are they gathered among the parts of something else.
+    main(["run", "small.toml", "--draws", "301", "--out", "strange", "--shard", "1/2"])
+    before = {path: path.read_bytes() for path in Path("strange.unfinished").rglob("*.*")}
+    capsys.readouterr()
+    assert "--out names another folder" in refused(capsys, "merge", "share", "--out", "strange")
+    assert {path: path.read_bytes() for path in Path("strange.unfinished").rglob("*.*")} == before
+    main(["merge", "share", "--out", "merged"])
+    assert (folder / "merged" / "rates.csv").read_text() == (folder / "whole" / "rates.csv").read_text()
 
 
 @pytest.mark.parametrize("share", ["0/3", "4/3", "a/3", "3", "1/0", "-1/3"])
