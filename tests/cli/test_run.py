@@ -14,7 +14,7 @@ import pandas as pd
 import pytest
 
 from pl_mc.cli.main import main
-from pl_mc.engine import plan, task
+from pl_mc.engine import checkpoint_store, plan, task
 from pl_mc.engine.calls import Chunk
 from pl_mc.experiments import running
 from pl_mc.report.findings import Findings
@@ -294,3 +294,42 @@ def test_the_installed_command_sets_its_exit_code(folder: Path) -> None:
     assert done.returncode == 2
     assert done.stdout == ""
     assert done.stderr.count("\n") == 1
+
+
+def test_a_comparison_of_damaged_results(
+    folder: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Stored counts of epochs that are not what was written are left out and told; counts that are none are refused."""
+    faults = '[faults]\nsatellite = "G01"\nstart_m = 11.0\nstop_m = 12.0\nstep_m = 1.0\n'
+    Path("many.toml").write_text(f'kind = "sweep"\ntitle = "A"\ndraws = 30\n[geometry]\nepochs = 3\n{faults}')
+    for name in ("one", "other"):
+        main(["run", "many.toml", "--out", name, "-q"])
+    part = Path("other", "epochs", "part-000000.parquet")
+    sound, table = part.read_bytes(), Path("other", "rates.csv")
+    assert sound
+    for damage in (sound[:-1], b"", sound.replace(b"PAR1", b"PAR2")):
+        part.write_bytes(damage)
+        capsys.readouterr()
+        main(["compare", "one", "other", "--out", "both"])
+        assert f"{part}: it is not what was written; the counts of epochs are left out" in capsys.readouterr().out
+    part.unlink()
+    os.mkfifo(part)
+    main(["compare", "one", "other", "--out", "both"])
+    assert "it is no regular file; the counts of epochs" in capsys.readouterr().out
+    part.unlink()
+    monkeypatch.setattr(checkpoint_store, "MOST_BYTES", len(sound) - 1)
+    part.write_bytes(sound)
+    main(["compare", "one", "other", "--out", "both"])
+    assert "it is larger than any part" in capsys.readouterr().out
+    content = table.read_text()
+    row = content.splitlines()[1]
+    fields = row.split(",")
+    place = content.splitlines()[0].split(",").index("alarms")
+    for number in ("-1", "inf", "0.5", "301"):
+        table.write_text(content.replace(row, ",".join([*fields[:place], number, *fields[place + 1 :]])))
+        assert f"rates.csv of the second run: row 1: alarms {number}" in refused(capsys, "compare", "one", "other")
+    # Numbers in another form are the same numbers.
+    place = content.splitlines()[0].split(",").index("bias_m")
+    table.write_text(content.replace(row, ",".join([*fields[:place], "11.25", *fields[place + 1 :]])))
+    main(["compare", "one", "other", "--out", "both"])
+    assert "1 rows of the first run have no counterpart" in capsys.readouterr().out

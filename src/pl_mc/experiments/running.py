@@ -249,6 +249,8 @@ def _copied(source: Path, target: Path, gathered: Set[Path]) -> set[Path]:
             raise InputError(f"{path}: it is a link; the parts of a share are files of its folder.")
         if path.name.startswith(".") or not path.is_file():
             continue
+        if path.stat().st_size > checkpoint_store.MOST_BYTES:
+            raise InputError(f"{path}: it is larger than any part, {checkpoint_store.MOST_BYTES / 1e6:.0f} MB.")
         place, content = target / path.relative_to(source), path.read_bytes()
         whole = checkpoint_store.is_whole(content)
         # What an earlier attempt left here may be what was refused then.
