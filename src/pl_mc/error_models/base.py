@@ -6,6 +6,7 @@ satellites or receivers reaches it, so that a model serves nominal constellation
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any, Protocol, runtime_checkable
@@ -14,7 +15,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from pl_mc.constants import LEAST_SIGMA_M, MOST_SIGMA_M
-from pl_mc.input_errors import InputError, nearest, shown
+from pl_mc.input_errors import InputError, is_real, nearest, shown
 
 ORBIT_CLASSES = ("GPS", "BDS-MEO", "BDS-IGSO", "BDS-GEO", "GAL", "GLO")
 
@@ -175,10 +176,10 @@ def require_figure(option: str, value: Any, *, allow_zero: bool = False, squared
     power = 2 if squared else 1
     least, most = 0.0 if allow_zero else LEAST_SIGMA_M**power, MOST_SIGMA_M**power
     rule = f"zero or more, {most:g} at most" if allow_zero else f"over zero, {least:g} to {most:g}"
-    try:
-        number = float(value)
-    except (TypeError, ValueError):
-        raise InputError(f"{option}: {shown(value)} is not a number of {words}; it is {rule}.") from None
+    if not is_real(value):
+        raise InputError(f"{option}: {shown(value)} is not a number of {words}; it is {rule}.")
+    # Whole numbers may be beyond any that is computed with.
+    number = math.inf if abs(value) > most else float(value)
     if not least <= number <= most:
         raise InputError(f"{option}: {number:g} {unit} cannot be used; it is a finite number of {short}, {rule}.")
     return number
