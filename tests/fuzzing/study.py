@@ -185,8 +185,8 @@ def summary(table: pd.DataFrame, seconds: float, slowest_s: float, largest_gb: f
         "experiment or a call says what its author wants; there is nothing to compare with. `fuzz.csv` has every "
         "kind with every damage, `examples.csv` the first refusal of each.",
         "",
-        "Earlier rounds had up to eighteen findings; each was mended and became a test (`test_findings.py`). The bound "
-        "above is of this round alone; another seed may find one more.",
+        "Earlier rounds had up to eighteen findings; each was mended and became a test. The bound above is of this "
+        "round alone; another seed may find one more." + " Those of this round are in `findings.csv`." * (findings > 0),
         "",
         "`interruptions.md` is of runs that were killed and of stored files that were damaged before a run went on.",
         "",
