@@ -27,5 +27,8 @@ K_HORIZONTAL = 6.18
 # Satellites that the names of a system can number, by RINEX letter (G07).
 MOST_SATELLITES = {"G": 32, "C": 63, "E": 36, "R": 27, "J": 10}
 
+# Standard deviations of pseudoranges beyond these are a slip of the unit, and weights cannot be computed with [m].
+LEAST_SIGMA_M, MOST_SIGMA_M = 1e-9, 1e9
+
 # Places of the components of a position error, and of the first columns of a design matrix.
 EAST, NORTH, UP = 0, 1, 2

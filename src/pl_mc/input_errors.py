@@ -11,7 +11,7 @@ import math
 import numbers
 import os
 import re
-from collections.abc import Iterable
+from collections.abc import Iterable, Mapping
 from pathlib import Path
 from typing import Any
 
@@ -73,7 +73,7 @@ def require_choice(word: str, valid: Iterable[str], *, field: str) -> str:
 def require_whole(value: int, *, field: str, low: int, high: int | None = None) -> int:
     """``value`` as an int if it is a whole number in the range; else an `InputError` that names ``field``."""
     # 1e4 is a whole number wherever it stands; strings are none.
-    whole = _is_real(value) and (isinstance(value, numbers.Integral) or (abs(value) < 2**53 and value == int(value)))
+    whole = is_real(value) and (isinstance(value, numbers.Integral) or (abs(value) < 2**53 and value == int(value)))
     if not whole or value < low or (high is not None and value > high):
         bounds = f"of at least {low}" if high is None else f"from {low} to {high}"
         raise InputError(f"{field}: a whole number {bounds} is needed, not {shown(value)}.")
@@ -112,7 +112,7 @@ def require_fraction(value: float, *, field: str) -> float:
 def require_number(value: float, *, field: str) -> float:
     """``value`` as a float if it is a finite number; else an `InputError` that names ``field``."""
     try:
-        good = _is_real(value) and math.isfinite(value)
+        good = is_real(value) and math.isfinite(value)
     except OverflowError:
         # A whole number beyond the largest that a computer counts with.
         good = False
@@ -130,7 +130,7 @@ def require_numbers(value: ArrayLike, *, field: str) -> NDArray[np.float64]:
     try:
         array = np.asarray(value)
         # Whole numbers beyond 64 bits, and tables whose columns have several types, are arrays of objects.
-        of_objects = array.dtype == object and all(_is_real(one) for one in array.flat)
+        of_objects = array.dtype == object and all(is_real(one) for one in array.flat)
         if not (of_objects or array.dtype.kind in "iuf") or np.ma.is_masked(value):
             raise TypeError("it holds " + (shown(array.flat[:1].tolist()[0] if array.size else value)))
         with np.errstate(over="ignore"):
@@ -158,8 +158,8 @@ def require_truth(value: bool, *, field: str) -> bool:
 
 
 def require_list(value: Iterable[Any], *, field: str, of: str) -> list[Any]:
-    """What ``value`` holds, one by one; an `InputError` that names ``field`` for a word and what holds nothing."""
-    if isinstance(value, str | bytes) or not isinstance(value, Iterable) or getattr(value, "ndim", 1) == 0:
+    """What ``value`` holds, one by one; an `InputError` that names ``field`` for a word, a table, or no sequence."""
+    if isinstance(value, str | bytes | Mapping) or not isinstance(value, Iterable) or getattr(value, "ndim", 1) == 0:
         raise InputError(f"{field}: a sequence of {of} is needed, not {shown(value)}.")
     return list(value)
 
@@ -171,7 +171,8 @@ def require_true(valid: ArrayLike, *, field: str, rule: str, of: ArrayLike) -> N
         raise InputError(f"{field}: {rule}, not {shown(bad.flat[0].item())}.")
 
 
-def _is_real(value: object) -> bool:
+def is_real(value: object) -> bool:
+    """Whether a value is a number, which a truth value and the text of one are not."""
     return isinstance(value, numbers.Real) and not isinstance(value, bool | np.bool_)
 
 

@@ -14,11 +14,12 @@ import pandas as pd
 import pytest
 
 from pl_mc.cli.main import main
-from pl_mc.engine import plan, task
+from pl_mc.engine import checkpoint_store, plan, task
 from pl_mc.engine.calls import Chunk
 from pl_mc.experiments import running
 from pl_mc.report.findings import Findings
 from pl_mc.studies import sweep
+from reference.damage import FORGED_ROWS, forged
 
 SMALL = """
 kind = "sweep"
@@ -257,6 +258,30 @@ def test_shares_are_merged(folder: Path, capsys: pytest.CaptureFixture[str], mon
     assert not any(path.read_bytes() == secret.read_bytes() for path in Path().rglob("linked*/**/*.parquet"))
 
 
+def test_a_merge_that_was_refused_is_none_when_its_shares_are_mended(
+    folder: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """What it had gathered, with a checksum that is right, had stood before what was counted again."""
+    monkeypatch.setattr(plan, "SCENARIOS_PER_CALL", 1)
+    monkeypatch.setattr(plan, "CALLS_PER_PART", 3)
+    main(["run", "small.toml", "--draws", "3000", "--out", "whole"])
+    main(["run", "small.toml", "--draws", "3000", "--out", "share", "--shard", "1/1"])
+    part = sorted(Path("share.unfinished").rglob("*.parquet"))[1]
+    sound = part.read_bytes()
+    part.write_bytes(forged(sound, FORGED_ROWS["more draws"]))
+    capsys.readouterr()
+    assert "part 1 of 4 (counted from 0) is damaged" in refused(capsys, "merge", "share", "--out", "merged")
+    part.write_bytes(sound)
+    # Nor are they gathered among the parts of something else.
+    main(["run", "small.toml", "--draws", "301", "--out", "strange", "--shard", "1/2"])
+    before = {path: path.read_bytes() for path in Path("strange.unfinished").rglob("*.*")}
+    capsys.readouterr()
+    assert "--out names another folder" in refused(capsys, "merge", "share", "--out", "strange")
+    assert {path: path.read_bytes() for path in Path("strange.unfinished").rglob("*.*")} == before
+    main(["merge", "share", "--out", "merged"])
+    assert (folder / "merged" / "rates.csv").read_text() == (folder / "whole" / "rates.csv").read_text()
+
+
 @pytest.mark.parametrize("share", ["0/3", "4/3", "a/3", "3", "1/0", "-1/3"])
 def test_a_share_that_is_none(folder: Path, capsys: pytest.CaptureFixture[str], share: str) -> None:
     assert "shard" in refused(capsys, "run", "small.toml", f"--shard={share}")
@@ -269,3 +294,42 @@ def test_the_installed_command_sets_its_exit_code(folder: Path) -> None:
     assert done.returncode == 2
     assert done.stdout == ""
     assert done.stderr.count("\n") == 1
+
+
+def test_a_comparison_of_damaged_results(
+    folder: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Stored counts of epochs that are not what was written are left out and told; counts that are none are refused."""
+    faults = '[faults]\nsatellite = "G01"\nstart_m = 11.0\nstop_m = 12.0\nstep_m = 1.0\n'
+    Path("many.toml").write_text(f'kind = "sweep"\ntitle = "A"\ndraws = 30\n[geometry]\nepochs = 3\n{faults}')
+    for name in ("one", "other"):
+        main(["run", "many.toml", "--out", name, "-q"])
+    part = Path("other", "epochs", "part-000000.parquet")
+    sound, table = part.read_bytes(), Path("other", "rates.csv")
+    assert sound
+    for damage in (sound[:-1], b"", sound.replace(b"PAR1", b"PAR2")):
+        part.write_bytes(damage)
+        capsys.readouterr()
+        main(["compare", "one", "other", "--out", "both"])
+        assert f"{part}: it is not what was written; the counts of epochs are left out" in capsys.readouterr().out
+    part.unlink()
+    os.mkfifo(part)
+    main(["compare", "one", "other", "--out", "both"])
+    assert "it is no regular file; the counts of epochs" in capsys.readouterr().out
+    part.unlink()
+    monkeypatch.setattr(checkpoint_store, "MOST_BYTES", len(sound) - 1)
+    part.write_bytes(sound)
+    main(["compare", "one", "other", "--out", "both"])
+    assert "it is larger than any part" in capsys.readouterr().out
+    content = table.read_text()
+    row = content.splitlines()[1]
+    fields = row.split(",")
+    place = content.splitlines()[0].split(",").index("alarms")
+    for number in ("-1", "inf", "0.5", "301"):
+        table.write_text(content.replace(row, ",".join([*fields[:place], number, *fields[place + 1 :]])))
+        assert f"rates.csv of the second run: row 1: alarms {number}" in refused(capsys, "compare", "one", "other")
+    # Numbers in another form are the same numbers.
+    place = content.splitlines()[0].split(",").index("bias_m")
+    table.write_text(content.replace(row, ",".join([*fields[:place], "11.25", *fields[place + 1 :]])))
+    main(["compare", "one", "other", "--out", "both"])
+    assert "1 rows of the first run have no counterpart" in capsys.readouterr().out

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import importlib
 import inspect
+import os
 import re
 import shlex
 import sys
@@ -33,8 +34,14 @@ def blocks(path: Path, language: str) -> list[str]:
 
 
 @pytest.fixture
-def page(monkeypatch: pytest.MonkeyPatch) -> Callable[[Path, list[str]], None]:
-    """Runs blocks of a page, each going on where the one before ended; in README every block stands alone."""
+def page(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> Callable[[Path, list[str]], None]:
+    """Runs blocks of a page, each going on where the one before ended; in README every block stands alone.
+
+    Files that they write are gone with the test.
+    """
+    if DATA in os.environ:
+        monkeypatch.setenv(DATA, str(Path(os.environ[DATA]).absolute()))
+    monkeypatch.chdir(tmp_path)
 
     def run(path: Path, sources: list[str]) -> None:
         # A module of its own, since records look up the one that they are defined in.

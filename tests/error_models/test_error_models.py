@@ -178,6 +178,11 @@ def test_the_description_of_user_makes_the_same_model_again():
         ("user", {"sigma0_gps_m": 0.0}, "sigma0_gps_m: 0 m .* over zero"),
         ("user", {"vertical_ionosphere_m": -1.0}, "vertical_ionosphere_m: -1 m .* zero or more"),
         ("user", {"zenith_troposphere_m": float("nan")}, "zenith_troposphere_m: nan"),
+        ("user", {"sigma0_gps_m": 1e-12}, "sigma0_gps_m: 1e-12 m .* over zero, 1e-09 to 1e.09"),
+        ("user", {"sigma0_gps_m": 10**400}, "sigma0_gps_m: inf m cannot be used"),
+        ("user", {"sigma0_gps_m": "1.5"}, "sigma0_gps_m: '1.5' is not a number of metres"),
+        ("user", {"vertical_ionosphere_m": True}, "vertical_ionosphere_m: True is not a number of metres"),
+        ("by_elevation", {"elevation_deg": [0, 90], "sigma_m": [True]}, "sigma_m: True is not a number"),
         ("user", {"zenith_troposphere_m": "thin"}, "zenith_troposphere_m: 'thin' is not a number"),
     ],
 )

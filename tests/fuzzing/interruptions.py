@@ -8,6 +8,7 @@ from __future__ import annotations
 import argparse
 import os
 import platform
+import resource
 import signal
 import sys
 import tempfile
@@ -57,6 +58,7 @@ class Kill:
         half: those of them that are shorter than the file that they were to be.
         lost: parts that were there and are not.
         unlike: parts under their name that are not those of the uninterrupted sweep.
+        seconds: from the start of the process to its end.
     """
 
     chain: int
@@ -67,6 +69,7 @@ class Kill:
     half: int
     lost: int
     unlike: int
+    seconds: float
 
 
 @dataclass(frozen=True)
@@ -79,6 +82,7 @@ class Chain:
         other_tables, other_files: 1 where its table, or a file of its folder, is not that of the uninterrupted
             sweep.
         leftovers: files that the uninterrupted sweep does not leave.
+        seconds: that it took to go on.
     """
 
     chain: int
@@ -86,6 +90,7 @@ class Chain:
     other_tables: int
     other_files: int
     leftovers: int
+    seconds: float
 
 
 def main() -> None:
@@ -99,6 +104,9 @@ def main() -> None:
     begin = time.perf_counter()
     with result_folder(options.out, sign=SIGN) as folder:
         kills, chains = killed(options.kills, options.seed)
+        # Of the processes that were killed and of this one, in which their sweeps go on; kilobytes where this runs.
+        who = (resource.RUSAGE_CHILDREN, resource.RUSAGE_SELF)
+        largest_gb = max(resource.getrusage(one).ru_maxrss for one in who) / 1e6
         found = damaged(options.damaged, options.seed)
         seconds = time.perf_counter() - begin
         table = counted(found, ORDER, FINDINGS)
@@ -108,7 +116,7 @@ def main() -> None:
         bad = found[found.outcome.isin(FINDINGS)]
         if len(bad):
             write_table(bad.drop(columns="seconds"), folder, "findings")
-        text = summary(table, kills, chains, seconds, found.seconds.max(), options.seed)
+        text = summary(table, kills, chains, seconds, largest_gb, options.seed)
         (folder / "interruptions.md").write_text(text, encoding="utf-8")
     print(text)
     print(bad.drop(columns="seconds").to_string(max_colwidth=2000) if len(bad) else "no findings")
@@ -141,8 +149,10 @@ def killed(count: int, seed: int) -> tuple[pd.DataFrame, pd.DataFrame]:
             kills += hits
             if not hits:
                 continue
+            begin = time.perf_counter()
             found = small.run(folder=here, resume=True, methods=killed_sweep.METHODS, workers=2)
-            chains.append(_ended(len(chains), len(hits), here, found, table, sound))
+            seconds = time.perf_counter() - begin
+            chains.append(_ended(len(chains), len(hits), here, found, table, sound, seconds))
     return pd.DataFrame([asdict(one) for one in kills]), pd.DataFrame([asdict(one) for one in chains])
 
 
@@ -183,6 +193,7 @@ def _hits(
                 return _parts(here) > before
 
             longest = (PARTS - len(before)) * (slow_s + 0.01)
+        start = time.perf_counter()
         code = ended_after(command, begun, float(rng.uniform(0, longest)))
         if code == 0:
             return
@@ -198,7 +209,7 @@ def _hits(
         yield Kill(
             chain=chain, slow_s=slow_s, before=len(before), after=len(after), temporary=len(left),
             half=sum(size < len(sound[_meant(name)]) for name, size in left.items()), lost=len(before - after),
-            unlike=max(unlike, broken),
+            unlike=max(unlike, broken), seconds=round(time.perf_counter() - start, 2),
         )  # fmt: skip
 
 
@@ -212,8 +223,9 @@ def _meant(temporary: str) -> str:
 
 
 def _ended(
-    chain: int, kills: int, here: Path, found: pd.DataFrame, table: pd.DataFrame, sound: dict[str, bytes]
-) -> Chain:
+    chain: int, kills: int, here: Path, found: pd.DataFrame, table: pd.DataFrame, sound: dict[str, bytes],
+    seconds: float,
+) -> Chain:  # fmt: skip
     """What came of a sweep that went on after its kills, held against the uninterrupted one."""
     files = small.contents(here)
     try:
@@ -222,11 +234,12 @@ def _ended(
     except AssertionError:
         other_tables = 1
     other_files = any(files.get(name) != content for name, content in sound.items())
-    return Chain(chain, kills, other_tables, int(other_files), len(files.keys() - sound.keys()))
+    left = len(files.keys() - sound.keys())
+    return Chain(chain, kills, other_tables, int(other_files), left, round(seconds, 2))
 
 
 def summary(
-    table: pd.DataFrame, kills: pd.DataFrame, chains: pd.DataFrame, seconds: float, slowest_s: float, seed: int
+    table: pd.DataFrame, kills: pd.DataFrame, chains: pd.DataFrame, seconds: float, largest_gb: float, seed: int
 ) -> str:
     """The study in Markdown."""
     cases, findings = int(table.cases.sum()), int(table.findings.sum())
@@ -257,6 +270,11 @@ def summary(
         f"{table.mutation.nunique()} ways, before the run went on. "
         f"{share(findings, cases, 'damages', 'led to a finding')}.",
         "",
+        f"The longest process that was killed lived {kills.seconds.max():.1f} s, its start and its compilation "
+        f"included; to go on after kills took {chains.seconds.max():.1f} s at most, with {largest_gb:.2f} GB of memory "
+        f"at most; to go on after a damage took {table.slowest_s.max():.1f} s at most, with "
+        f"{table.largest_gb.max():.2f} GB.",
+        "",
         "## Kills",
         "",
         "| what | number | of |",
@@ -271,8 +289,8 @@ def summary(
         "",
         "## Damaged files",
         "",
-        "| what | cases | told | same | refused | findings |",
-        "|---|---|---|---|---|---|",
+        "| what | cases | told | same | refused | findings | slowest [s] | largest [GB] |",
+        "|---|---|---|---|---|---|---|---|",
     ]
     for key in ("kind", "mutation"):
         lines += total_lines(table, key, ("cases", *ORDER, "findings"))
@@ -292,7 +310,7 @@ def summary(
         "that is a pipe or a link to itself, a table that is such a link, and files of a finished run that were handed "
         "back with other digits. Each was mended and became a test.",
         "",
-        f"{seconds:.0f} s in all, the slowest damaged case {slowest_s:.1f} s; Python {platform.python_version()}. "
+        f"One process at a time, {seconds:.0f} s in all; Python {platform.python_version()}. "
         f"Again: `python tests/fuzzing/interruptions.py --kills {len(kills)} --damaged {cases} --seed {seed} "
         "--out FOLDER`.",
     ]

@@ -19,6 +19,8 @@ import contextlib
 import json
 import math
 import os
+import re
+import resource
 import select
 import subprocess
 import sys
@@ -52,7 +54,11 @@ class Case:
 
 @dataclass(frozen=True)
 class Outcome:
-    """What became of it, with the sentence, the trace or the difference, and the seconds that it took."""
+    """What became of it, with the sentence, the trace or the difference, the seconds that it took and the memory.
+
+    ``peak_gb`` is what the process that judged it held at most meanwhile; NaN where it was judged here, or where the
+    process ended.
+    """
 
     subject: str
     mutation: str
@@ -60,6 +66,7 @@ class Outcome:
     outcome: str
     detail: str
     seconds: float
+    peak_gb: float = math.nan
 
 
 def cases(names: Sequence[str], mutations: Iterable[str], count: int) -> list[Case]:
@@ -258,7 +265,18 @@ def serve(
         prepare(Path(folder))
         print("ready", file=answers, flush=True)
         for line in sys.stdin:
-            print(json.dumps(asdict(judged(Case(**json.loads(line)), Path(folder)))), file=answers, flush=True)
+            # The high-water mark of this process begins anew (Linux, `man proc_pid_clear_refs`).
+            Path("/proc/self/clear_refs").write_text("5", encoding="ascii")
+            outcome = judged(Case(**json.loads(line)), Path(folder))
+            print(json.dumps(asdict(outcome) | {"peak_gb": _peak_gb()}), file=answers, flush=True)
+
+
+def _peak_gb() -> float:
+    """The largest memory of this process since its mark began anew, or of a process that it started."""
+    status = Path("/proc/self/status").read_text(encoding="ascii", errors="replace")
+    found = re.search(r"VmHWM:\s+(\d+) kB", status)
+    assert found is not None
+    return max(int(found[1]), resource.getrusage(resource.RUSAGE_CHILDREN).ru_maxrss) / 1e6
 
 
 if __name__ == "__main__":

@@ -43,6 +43,9 @@ COLOURS = {
     "findings": ("#D55E00", "finding"),
 }
 
+# Of each kind, the seconds of the slowest case and the memory of the largest.
+MOST = ("slowest_s", "largest_gb")
+
 # Of all cases, the share that are calls instead of files.
 CALLS = 1 / 3
 
@@ -58,7 +61,7 @@ def main() -> None:
     wanted = planned(options.count, options.seed)
     found = pd.DataFrame([asdict(one) for one in outcomes(wanted)])
     seconds = time.perf_counter() - begin
-    # Of the processes that read the cases, each of them thousands; kilobytes where this runs.
+    # Of the processes that read the cases, those that ended included; kilobytes where this runs.
     largest_gb = resource.getrusage(resource.RUSAGE_CHILDREN).ru_maxrss / 1e6
     with result_folder(options.out, sign=SIGN) as folder:
         table = counted(found)
@@ -85,7 +88,7 @@ def planned(count: int, seed: int) -> list[Case]:
 
 
 def counted(found: pd.DataFrame, order: Sequence[str] = ORDER, findings: Sequence[str] = FINDINGS) -> pd.DataFrame:
-    """Number of cases by kind and mutation, and of each outcome; findings come last, and their sum."""
+    """Number of cases by kind and mutation, of each outcome, of findings, and what the slowest and largest took."""
     found = found.assign(kind=found.subject.where(found.mutation != STRANGE_ARGUMENTS, "call of " + found.subject))
     table = (
         found.groupby(["kind", "mutation"], sort=False)
@@ -95,6 +98,8 @@ def counted(found: pd.DataFrame, order: Sequence[str] = ORDER, findings: Sequenc
     )
     table.insert(0, "cases", table.sum(axis=1))
     table["findings"] = table[list(findings)].sum(axis=1)
+    most = found.groupby(["kind", "mutation"], sort=False)[["seconds", "peak_gb"]].max().round(2)
+    table[list(MOST)] = most.reindex(table.index)
     table.columns = [str(name).replace(" ", "_") for name in table.columns]
     return table.reset_index()
 
@@ -132,11 +137,12 @@ def figure(table: pd.DataFrame) -> Figure:
 
 
 def total_lines(table: pd.DataFrame, key: str, columns: Sequence[str]) -> list[str]:
-    """Rows of a table in Markdown: the sums of columns for each kind, say."""
-    totals = table.groupby(key, sort=False).sum(numeric_only=True)
+    """Rows of a table in Markdown: the sums of columns for each kind, say, and the most time and memory."""
+    totals = table.groupby(key, sort=False)[list(columns)].sum()
+    most = table.groupby(key, sort=False)[list(MOST)].max()
     return [
-        f"| {name} | " + " | ".join(f"{int(row[column]):,}" for column in columns) + " |"
-        for name, row in totals.iterrows()
+        f"| {name} | " + " | ".join(f"{number:,}" for number in row) + f" | {seconds:.2f} | {gb:.2f} |"
+        for name, row, (seconds, gb) in zip(totals.index, totals.to_numpy(), most.to_numpy(), strict=True)
     ]
 
 
@@ -157,15 +163,16 @@ def summary(table: pd.DataFrame, seconds: float, slowest_s: float, largest_gb: f
         "",
         f"{total:,} cases: {total - calls_made:,} files of {files.kind.nunique()} kinds, each damaged in one of "
         f"{files.mutation.nunique()} ways, and {calls_made:,} calls of functions with arguments that make no "
-        f"sense. {share(findings, total, 'cases', 'led to a finding')}.",
+        f"sense. {share(findings, total, 'cases', 'led to a finding')}. The slowest took {slowest_s:.1f} s, and "
+        f"no process ever held more than {largest_gb:.2f} GB.",
         "",
         "A finding is an exception other than `InputError`, a refusal that is no sentence, a hang (60 s), an end "
         "of the process, or numbers other than those of the sound file (a pseudorange error by over 1 m, an orbit "
         "by over 100 km, a position by over 1 m, one more or less of either) without a note, although the form of "
         "the file shows the damage.",
         "",
-        "| what | cases | refused | same | told | well formed | accepted | findings |",
-        "|---|---|---|---|---|---|---|---|",
+        "| what | cases | refused | same | told | well formed | accepted | findings | slowest [s] | largest [GB] |",
+        "|---|---|---|---|---|---|---|---|---|---|",
     ]
     columns = ("cases", "refused", "same", "told", "well_formed", "accepted", "findings")
     for key, rows in (("kind", shown), ("mutation", files)):
@@ -178,13 +185,13 @@ def summary(table: pd.DataFrame, seconds: float, slowest_s: float, largest_gb: f
         "experiment or a call says what its author wants; there is nothing to compare with. `fuzz.csv` has every "
         "kind with every damage, `examples.csv` the first refusal of each.",
         "",
-        "Earlier rounds had up to eighteen findings; each was mended and became a test (`test_findings.py`). The bound "
-        "above is of this round alone; another seed may find one more.",
+        "Earlier rounds had up to eighteen findings; each was mended and became a test. The bound above is of this "
+        "round alone; another seed may find one more." + " Those of this round are in `findings.csv`." * (findings > 0),
         "",
         "`interruptions.md` is of runs that were killed and of stored files that were damaged before a run went on.",
         "",
-        f"One process on one core, {seconds:.0f} s in all, the slowest case {slowest_s:.2f} s, never more than "
-        f"{largest_gb:.1f} GB of memory; Python {platform.python_version()}. Again: "
+        f"One process on one core, {seconds:.0f} s in all; memory is that of the process that reads thousands of "
+        f"cases, one after the other, while it read this one; Python {platform.python_version()}. Again: "
         f"`python tests/fuzzing/study.py --count {total} --seed {seed} --out FOLDER`.",
     ]
     return "\n".join(lines) + "\n"

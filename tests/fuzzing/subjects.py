@@ -9,6 +9,7 @@ import gzip
 import json
 import shutil
 import sys
+import tempfile
 import warnings
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
@@ -25,19 +26,24 @@ sys.path[:0] = [str(ROOT / "tests" / folder) for folder in ("receiver", "geometr
 import receiver_files  # noqa: E402
 import rinex_versions  # noqa: E402
 from almanac_files import elements, sem, yuma  # noqa: E402
+from ionex_files import ionex  # noqa: E402
 from sp3_files import START_GPS_S, constellation, sp3  # noqa: E402
 
+from pl_mc.error_models import Sky, as_error_model  # noqa: E402
 from pl_mc.experiments.checking import check_experiment  # noqa: E402
 from pl_mc.experiments.loading import load_experiment  # noqa: E402
-from pl_mc.experiments.reading import remake_page  # noqa: E402
+from pl_mc.experiments.reading import remake_page, write_comparison  # noqa: E402
 from pl_mc.geometry.almanac import almanac_slots  # noqa: E402
 from pl_mc.geometry.orbits import satellite_positions_m  # noqa: E402
 from pl_mc.geometry.sp3 import sp3_orbits  # noqa: E402
 from pl_mc.input_errors import InputError  # noqa: E402
 from pl_mc.ism import read_ism  # noqa: E402
-from pl_mc.receiver import read_receiver_series, read_truth  # noqa: E402
+from pl_mc.noise_models import as_noise_model  # noqa: E402
+from pl_mc.receiver import Truth, read_claims, read_receiver_series, read_truth  # noqa: E402
+from pl_mc.receiver.fixes import Fixes  # noqa: E402
 from pl_mc.report.run_folder import read_run_folder  # noqa: E402
 
+CLAIMS = ROOT / "tests" / "receiver" / "files"
 NEAR_GPS_S = receiver_files.NOON_GPS_S
 
 
@@ -84,16 +90,14 @@ def _sky() -> receiver_files.Sky:
 @cache
 def _beside(name: str, content: bytes) -> Path:
     """The sound partner of a file that is damaged."""
-    import tempfile
-
     path = Path(tempfile.mkdtemp(prefix="pl_mc_fuzz_"), name)
     path.write_bytes(content)
     return path
 
 
-def _series(observations: Path, navigation: Path, systems: tuple[str, ...]) -> Read:
+def _series(observations: Path, navigation: Path, systems: tuple[str, ...], ionex: Path | None = None) -> Read:
     truth = read_truth(receiver_files.TRUTH_TEXT)
-    series = read_receiver_series(observations, navigation, truth, systems=systems)
+    series = read_receiver_series(observations, navigation, truth, systems=systems, ionex=ionex)
     g = series.geometry
     numbers = {
         f"{g.time_gps_s[epoch]:.3f} {g.names[g.satellite[epoch, row]]}": float(series.errors_m[epoch, row])
@@ -138,13 +142,17 @@ def _same_unpacked(one: bytes, other: bytes) -> bool:
             return same_columns(one, other)
 
 
+def _positions(fixes: Fixes | Truth) -> dict[str, float]:
+    return {
+        f"{time:.3f} {k}": float(position[k])
+        for time, position in zip(fixes.time_gps_s, fixes.position_m, strict=True)
+        for k in range(3)
+    }
+
+
 def _track(path: Path) -> Read:
     truth = read_truth(str(path))
-    return Read({
-        f"{time:.3f} {k}": float(position[k])
-        for time, position in zip(truth.time_gps_s, truth.position_m, strict=True)
-        for k in range(3)
-    })  # fmt: skip
+    return Read(_positions(truth), tuple(note.removeprefix(path.name) for note in truth.notes))
 
 
 _ISM = b"satellite,sigma_ura_m,p_sat,b_nom_m,p_const\nG,1.0,1e-5,0.5,1e-8\nE,1.5,1e-5,0.75,1e-4\nG07,2.4,3e-5,,\n"
@@ -155,6 +163,45 @@ def _ism(path: Path) -> Read:
     message = read_ism(path)
     assert message.values("sigma_ura_m", ["G07"], ["G"]) > 0
     return Read({})
+
+
+def _maps(observations: bytes, navigation: bytes) -> Callable[[Path], Read]:
+    """Pseudorange errors with the delays of maps."""
+    beside = _beside("sound.obs", observations), _beside("sound.nav", navigation)
+    return lambda path: _series(*beside, ("G",), ionex=path)
+
+
+@cache
+def _maps_text() -> bytes:
+    with tempfile.TemporaryDirectory() as folder:
+        days = ("2020 6 25 0 0 0", "2020 6 25 12 0 0", "2020 6 26 0 0 0")
+        return ionex(Path(folder), lambda k: 20.0 + 5.0 * k, days).read_bytes()
+
+
+def _claims(path: Path) -> Read:
+    fixes = read_claims(path)
+    return Read(_positions(fixes), tuple(note.removeprefix(path.name) for note in fixes.notes))
+
+
+def _models(path: Path) -> Read:
+    """Sigma and law that a file states are what its author wants."""
+    sky = Sky("GPS", np.radians([3.0, 40.0, 89.0]), 0.0, 0.5, 0.0)
+    assert np.all(as_error_model(str(path)).sigma_m(sky) > 0)
+    as_noise_model(str(path))
+    return Read({})
+
+
+_MODELS = b"""[error_model]
+name = "by_elevation"
+elevation_deg = [0.0, 15.0, 30.0, 90.0]
+sigma_m = [2.75, 1.29, 0.57]
+
+[noise]
+name = "student_t"
+nu = 5.4
+match = "core"
+of_sigma = 0.44
+"""
 
 
 def _experiment(path: Path) -> Read:
@@ -190,6 +237,19 @@ def _page(name: str) -> Callable[[Path], Read]:
         shutil.copytree(ROOT / "results" / "ramp", folder, dirs_exist_ok=True)
         shutil.copyfile(path, folder / name)
         remake_page(folder)
+        return Read({})
+
+    return read
+
+
+def _comparison(name: str) -> Callable[[Path], Read]:
+    """A run and the same with a file damaged, side by side."""
+
+    def read(path: Path) -> Read:
+        folder = path.parent / "compared"
+        shutil.copytree(ROOT / "results" / "ramp", folder, dirs_exist_ok=True)
+        shutil.copyfile(path, folder / name)
+        write_comparison(ROOT / "results" / "ramp", folder, path.parent / "comparison")
         return Read({})
 
     return read
@@ -258,13 +318,25 @@ def subjects() -> Mapping[str, Subject]:
         Subject("track, geodetic", _track_text("geodetic"), _track, ".csv", 1.0, fewer_lines),
         Subject("track, Earth-fixed", _track_text("xyz"), _track, ".csv", 1.0, fewer_lines),
         Subject("track, gzip", gzip.compress(_track_text("xyz"), mtime=0), _track, ".csv.gz", 1.0),
+        Subject("ionosphere maps", _maps_text(), _maps(obs, nav), ".20i", 1.0),
+        Subject("claims, RTKLIB", (CLAIMS / "esbjerg_llh.pos").read_bytes(), _claims, ".pos", 1.0, fewer_lines),
+        Subject("track, NMEA", (CLAIMS / "esbjerg.nmea").read_bytes(), _track, ".nmea", 1.0, fewer_lines),
+        Subject("error and noise model", _MODELS, _models, ".toml"),
         Subject("integrity support message", _ISM, _ism, ".csv"),
         Subject("experiment, sweep", _toml("sweep"), _experiment, ".toml"),
         Subject("experiment, service", _toml("service"), _experiment, ".toml"),
         Subject("manifest", _manifest_text(), _manifest, ".json"),
         *(
             Subject(f"page, {name}", (ROOT / "results" / "ramp" / name).read_bytes(), _page(name))
+            for name in ("report.json", "manifest.json", "rates.csv", "summary.md")
+        ),
+        *(
+            Subject(f"comparison, {name}", (ROOT / "results" / "ramp" / name).read_bytes(), _comparison(name))
             for name in ("report.json", "manifest.json", "rates.csv")
+        ),
+        *(
+            Subject(f"experiment, {name}", (ROOT / "experiments" / f"{name}.toml").read_bytes(), _experiment, ".toml")
+            for name in ("frontier", "integrity-risk", "time-ramps")
         ),
     )
     return {one.name: one for one in made}

@@ -21,6 +21,7 @@ from pl_mc.faults import parse_fault
 from pl_mc.geometry.flight import fly, survey_plan
 from pl_mc.geometry.gps_time import gps_seconds
 from pl_mc.input_errors import InputError
+from pl_mc.noise_models.gauss_markov import GaussMarkov
 from pl_mc.report.run_folder import read_run_folder
 
 
@@ -272,3 +273,8 @@ def test_arguments_that_broke_something_are_refused(call: Callable[[], Any], sen
     with pytest.raises(InputError, match=sentence) as caught:
         call()
     assert "\n" not in str(caught.value)
+
+
+def test_a_correlation_time_in_single_precision() -> None:
+    """Its comparison with what only doubles hold was a warning."""
+    assert GaussMarkov(np.float32(1.5)).tau_s == 1.5

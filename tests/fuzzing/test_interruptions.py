@@ -39,12 +39,16 @@ def test_one_kill(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     kills, chains = interruptions.killed(1, seed=0)
     assert kills[["lost", "unlike"]].to_numpy().tolist() == [[0, 0]]
     assert kills.after[0] >= 1
-    assert chains.drop(columns=["chain", "kills"]).to_numpy().tolist() == [[0, 0, 0]]
+    assert chains.drop(columns=["chain", "kills", "seconds"]).to_numpy().tolist() == [[0, 0, 0]]
     case = planned(1, 0)[0]
-    table = counted(pd.DataFrame([asdict(case) | {"outcome": "told"}]), ORDER, FINDINGS)
+    table = counted(
+        pd.DataFrame([asdict(case) | {"outcome": "told", "seconds": 2.5, "peak_gb": 0.25}]), ORDER, FINDINGS
+    )
     said = interruptions.summary(table, kills, chains, 1.0, 0.5, 0)
     assert "1 kills (SIGKILL) hit 1 sweeps of 12 parts" in said
     assert "0 of 1 damages led to a finding" in said
+    assert f"lived {kills.seconds[0]:.1f} s" in said
+    assert "with 0.50 GB of memory at most; to go on after a damage took 2.5 s at most, with 0.25 GB." in said
 
 
 def test_studies_damage_every_kind_in_every_way() -> None:

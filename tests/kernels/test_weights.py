@@ -89,6 +89,8 @@ def test_thresholds_that_make_no_sense(k0, k1):
     ("make", "words"),
     [
         (lambda: HampelWeight(a=0.0), "hampel: 0 < a <= b < c is needed"),
+        (lambda: HampelWeight(a=True), "hampel: 0 < a <= b < c is needed, not a = True"),
+        (lambda: Igg3Weight(k0=True), "igg3: 0 < k0 < k1 is needed, not k0 = True"),
         (lambda: HampelWeight(b=8.0), "hampel: 0 < a <= b < c is needed"),
         (lambda: HampelWeight(c=np.inf), "hampel: 0 < a <= b < c is needed"),
         (lambda: DanishWeight(-1.0), "danish: c"),

@@ -243,6 +243,7 @@ def test_the_k_factors_multiply():
         (lambda: as_methods(()), "methods: at least one method"),
         (lambda: as_methods((3,)), "methods: 3 is no method .valid names: ls, igg3"),
         (lambda: as_methods(("ls", Ls())), "methods: ls is asked for twice"),
+        (lambda: as_methods({"igg3": {"k0": 2.0}}), "methods: a sequence of methods is needed, not"),
     ],
 )
 def test_options_that_do_not_exist(make, words):

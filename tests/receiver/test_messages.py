@@ -323,6 +323,7 @@ def test_glonass_is_read_where_it_is_asked_for(texts: tuple[str, str], tmp_path:
         (1, 0, " 1.0x0000000000E+04", "is not a number of 19 columns"),
         (1, 0, " 1.000000000000E+01", "no satellite is there"),
         (1, 1, " 9.000000000000E+00", "no satellite is there, is so fast"),
+        (2, 3, " 9.900000000000E+01", "there is no channel 99"),
     ],
 )
 def test_damaged_records_of_glonass(

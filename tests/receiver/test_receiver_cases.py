@@ -369,3 +369,49 @@ def test_nothing_usable_says_why(tmp_path: Path) -> None:
     ill = re.sub(r"(\n[GC]\d\d (?:.*\n){6} {4}.{19}) 0\.0{12}e\+00", r"\1 1.000000000000e+00", NAV)
     with pytest.raises(InputError, match=r"no epoch can be used; .*left out as unhealthy"):
         read(tmp_path, nav=ill)
+
+
+@pytest.mark.parametrize(("name", "record"), [("G07", "G07 2020"), ("C20", "C20 2020")])
+def test_a_blank_accuracy_promises_none(name: str, record: str, sound: ReceiverSeries, tmp_path: Path) -> None:
+    """It was read with a note that said that it was left out."""
+    lines = NAV.split("\n")
+    for k in [k for k, line in enumerate(lines) if line.startswith(record)]:
+        lines[k + 6] = lines[k + 6][:4] + " " * 19 + lines[k + 6][23:]
+    series = read(tmp_path, nav="\n".join(lines))
+    assert name in sound.geometry.names
+    assert series.geometry.satellite_count.tolist() == [12, 12]
+    assert f"{name} (2 epochs): left out, as no accuracy is predicted (URA, SISA)." in series.notes
+    assert any(
+        note.startswith("Read from made.nav without one of their fields: the record of") for note in series.notes
+    )
+
+
+def test_a_field_that_is_not_needed_costs_nothing(sound: ReceiverSeries, tmp_path: Path) -> None:
+    """A fit interval below zero."""
+    series = read(
+        tmp_path, nav=NAV.replace("3.384180000000e+05 4.000000000000e+00", "3.384180000000e+05-1.000000000000e+00")
+    )
+    np.testing.assert_array_equal(series.errors_m, sound.errors_m)
+    assert "without one of their fields: the record of G05 at line 102 (bad/missing fit" in series.notes[0]
+    assert not any("Left out of made.nav" in note for note in series.notes)
+
+
+@pytest.mark.parametrize(("letter", "behind_s"), [("G", 0.0), ("E", 0.0), ("C", 14.0), ("M", 0.0), ("R", None)])
+def test_a_file_that_names_no_time_has_that_of_its_system(letter: str, behind_s: float | None, tmp_path: Path) -> None:
+    text = OBS.replace("GPS         TIME OF FIRST", "            TIME OF FIRST").replace(
+        "DATA    M", f"DATA    {letter}"
+    )
+    (tmp_path / "made.obs").write_text(text)
+    (tmp_path / "made.nav").write_text(NAV)
+    if behind_s is None:
+        with pytest.raises(InputError, match=r"its times are UTC .*; convert it"):
+            read_rinex(tmp_path / "made.obs", tmp_path / "made.nav")
+        return
+    data = read_rinex(tmp_path / "made.obs", tmp_path / "made.nav")
+    assert data.time_gps_s[0] == pytest.approx(2111 * 604_800.0 + 4 * 86_400.0 + behind_s)
+    assert any("GPS is assumed" in note for note in data.notes) == (letter == "M")
+
+
+def test_a_mask_that_is_no_number(tmp_path: Path) -> None:
+    with pytest.raises(InputError, match="mask_deg: a finite number is needed, not '10'"):
+        read(tmp_path, mask_deg="10")

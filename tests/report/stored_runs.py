@@ -9,9 +9,12 @@ from typing import Any
 
 import numpy as np
 import pandas as pd
+import pyarrow as pa
+import pyarrow.parquet as pq
 
 import pl_mc
 from pl_mc.alert import LPV_200, Judged
+from pl_mc.engine import checkpoint_store
 from pl_mc.engine.table import with_rates
 from pl_mc.experiments.loading import build_experiment
 from pl_mc.kernels.events import EVENTS
@@ -104,4 +107,10 @@ def store_epochs(folder: Path, alarms: np.ndarray, *, draws: int, method: str = 
     for event in EVENTS:
         rows[event.count] = alarms if event.name == "alarm" else 0
     (folder / "epochs").mkdir()
-    rows.to_parquet(folder / "epochs" / "part-00000.parquet", index=False)
+    # As a sweep stores them, with a checksum in the file.
+    table = pa.Table.from_pandas(rows, preserve_index=False)
+    about = json.dumps({"sha256": checkpoint_store._NO_CHECKSUM})
+    sink = pa.BufferOutputStream()
+    pq.write_table(table.replace_schema_metadata({"pl_mc": about}), sink)
+    content = checkpoint_store._with_checksum(sink.getvalue().to_pybytes())
+    (folder / "epochs" / "part-000000.parquet").write_bytes(content)

@@ -182,6 +182,9 @@ def test_what_cannot_be_fitted(given: object, options: dict, words: str) -> None
         ("[error_model]\nname = 'by_elevation'\nelevation_deg = [0, 90]\nsigma_m = [1, 2]",
          "1 figures are needed between"),
         ("[error_model]\nname = 'by_elevation'\nelevation_deg = [0, 90]", "elevation_deg and sigma_m are needed"),
+        ("[error_model]\nname = 'by_elevation'\nelevation_deg = [0, 90]\nsigma_m = [1e-320]",
+         "a.toml: error_model: sigma_m: 9.99989e-321 m cannot be used.* over zero, 1e-09 to 1e.09"),
+        ("[error_model]\nname = 'constant'\nnosuch = 1", "a.toml: error_model: .*nosuch"),
         ("[error_model]\nname = 'by_elevation'\nelevation_deg = [9, 0]\nsigma_m = [1]", "edges that increase"),
     ],
 )  # fmt: skip
@@ -191,3 +194,14 @@ def test_files_of_models_that_cannot_be_used(text: str | None, words: str, tmp_p
         path.write_text(text)
     with pytest.raises(InputError, match=words):
         as_error_model(str(path))
+
+
+def test_what_a_file_says_is_not_given_beside_it(tmp_path: Path) -> None:
+    path = tmp_path / "a.toml"
+    path.write_text("[noise]\nname = 'student_t'\nnu = 5.0\n[error_model]\nname = 'residual'\nism = 'b.csv'\n")
+    with pytest.raises(InputError, match=r"a.toml: noise.nu: the file says it"):
+        pl_mc.noise_model(str(path), nu=4.0)
+    with pytest.raises(InputError, match=r"a.toml: error_model.ism: the file says it"):
+        pl_mc.error_model(str(path), ism={"sigma_ura_m": 1.0})
+    with pytest.raises(InputError, match=r"a.toml: error_model: ism: b.csv: there is no"):
+        pl_mc.error_model(str(path))

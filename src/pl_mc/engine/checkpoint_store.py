@@ -27,6 +27,9 @@ from pl_mc.runtime.whole_files import write_whole
 
 _KEY = b"pl_mc"
 
+# Parts take megabytes; what is larger is none, and is not read.
+MOST_BYTES = 500_000_000
+
 # The checksum in a file is that of its bytes with zeros in the checksum's place.
 _NO_CHECKSUM = "0" * 64
 _CHECKSUM = re.compile(rb'"sha256": "([0-9a-f]{64})"')
@@ -181,16 +184,7 @@ class CheckpointStore(Generic[P]):
     def _opened(self, number: int) -> tuple[pq.ParquetFile, dict[str, Any]]:
         """A part file, whole to the byte, and what it says of itself; a `BadPart` where it is none."""
         place = self.place(number)
-        # A pipe without a writer would be waited for.
-        if not place.is_file():
-            raise BadPart(f"{place}: it is no regular file")
-        try:
-            content = place.read_bytes()
-        except OSError as error:
-            raise BadPart(f"{place}: it cannot be read ({(error.strerror or str(error)).lower()})") from None
-        # No other reader sees the bytes before they are known to be what was written.
-        if not is_whole(content):
-            raise BadPart(f"{place}: it is not what was written")
+        content = _whole_content(place)
         try:
             file = pq.ParquetFile(pa.BufferReader(content))
             about = json.loads(file.metadata.metadata[_KEY])
@@ -212,9 +206,27 @@ class CheckpointStore(Generic[P]):
 
 
 def read_rows(folder: Path) -> Iterator[pd.DataFrame]:
-    """The rows of each part file of a folder, in order of the parts."""
+    """The rows of each part file of a folder, in order of the parts; a `BadPart` where one is not what was written."""
     for _, path in _part_files(folder):
-        yield pd.read_parquet(path)
+        yield pq.ParquetFile(pa.BufferReader(_whole_content(path))).read().to_pandas()
+
+
+def _whole_content(place: Path) -> bytes:
+    """A part file, whole to the byte; a `BadPart` where it is none."""
+    # A pipe without a writer would be waited for.
+    if not place.is_file():
+        raise BadPart(f"{place}: it is no regular file")
+    try:
+        too_large = place.stat().st_size > MOST_BYTES
+        content = b"" if too_large else place.read_bytes()
+    except OSError as error:
+        raise BadPart(f"{place}: it cannot be read ({(error.strerror or str(error)).lower()})") from None
+    if too_large:
+        raise BadPart(f"{place}: it is larger than any part, {MOST_BYTES / 1e6:.0f} MB")
+    # No other reader sees the bytes before they are known to be what was written.
+    if not is_whole(content):
+        raise BadPart(f"{place}: it is not what was written")
+    return content
 
 
 def _part_files(folder: Path) -> list[tuple[int, Path]]:

@@ -6,6 +6,7 @@ satellites or receivers reaches it, so that a model serves nominal constellation
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any, Protocol, runtime_checkable
@@ -13,7 +14,8 @@ from typing import Any, Protocol, runtime_checkable
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from pl_mc.input_errors import InputError, nearest, shown
+from pl_mc.constants import LEAST_SIGMA_M, MOST_SIGMA_M
+from pl_mc.input_errors import InputError, is_real, nearest, shown
 
 ORBIT_CLASSES = ("GPS", "BDS-MEO", "BDS-IGSO", "BDS-GEO", "GAL", "GLO")
 
@@ -167,15 +169,18 @@ def require_figure(option: str, value: Any, *, allow_zero: bool = False, squared
     """``value`` as a float if it is usable as a standard deviation in metres, or squared as a variance.
 
     Raises:
-        InputError: not a finite number, or negative, or zero where ``allow_zero`` is False.
+        InputError: not a finite number, or negative, or zero where ``allow_zero`` is False, or such that what it is a
+            part of cannot be computed with.
     """
     words, unit, short = ("square metres", "m^2", "m^2") if squared else ("metres", "m", "metres")
-    rule = "zero or more" if allow_zero else "over zero"
-    try:
-        number = float(value)
-    except (TypeError, ValueError):
-        raise InputError(f"{option}: {shown(value)} is not a number of {words}; it is {rule}.") from None
-    if not np.isfinite(number) or number < 0 or (number == 0 and not allow_zero):
+    power = 2 if squared else 1
+    least, most = 0.0 if allow_zero else LEAST_SIGMA_M**power, MOST_SIGMA_M**power
+    rule = f"zero or more, {most:g} at most" if allow_zero else f"over zero, {least:g} to {most:g}"
+    if not is_real(value):
+        raise InputError(f"{option}: {shown(value)} is not a number of {words}; it is {rule}.")
+    # Whole numbers may be beyond any that is computed with.
+    number = math.inf if abs(value) > most else float(value)
+    if not least <= number <= most:
         raise InputError(f"{option}: {number:g} {unit} cannot be used; it is a finite number of {short}, {rule}.")
     return number
 

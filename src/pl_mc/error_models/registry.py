@@ -14,7 +14,7 @@ from pl_mc.error_models.equation3 import none, residual, uire, user
 from pl_mc.error_models.with_ism import WithIsm
 from pl_mc.input_errors import InputError, require_choice, shown
 from pl_mc.ism import as_ism
-from pl_mc.runtime.model_files import is_model_file, options_in_file
+from pl_mc.runtime.model_files import is_model_file, model_in_file
 
 DEFAULT_ERROR_MODEL = "residual"
 
@@ -51,7 +51,7 @@ def error_model(name: str = DEFAULT_ERROR_MODEL, *, ism: Any = None, **options: 
             cannot be used.
     """
     if is_model_file(name):
-        return error_model(**options_in_file(name, "error_model"), ism=ism, **options)
+        return model_in_file(name, "error_model", error_model, **({} if ism is None else {"ism": ism}), **options)
     model = ERROR_MODELS[require_choice(name, ERROR_MODELS, field="error model")](**options)
     return model if ism is None else WithIsm(model, as_ism(ism).with_field("sigma_ura_m"))
 

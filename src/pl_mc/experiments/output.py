@@ -196,7 +196,7 @@ class Unfinished:
             if changed:
                 raise InputError(
                     f"{self.folder}: the unfinished run is one of another experiment ({_told(changed)}); --fresh "
-                    "starts anew."
+                    "starts anew, --out names another folder."
                 )
         try:
             self.folder.mkdir(parents=True, exist_ok=True)

@@ -7,7 +7,7 @@ that shares of it can be counted elsewhere and merged.
 from __future__ import annotations
 
 import time
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence, Set
 from contextlib import contextmanager
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -174,14 +174,17 @@ def merge(folders: Sequence[Path], out: Path, *, progress: bool | None = None) -
         if read_record(source)["experiment"] != first["experiment"]:
             raise InputError(f"{source}: it is a share of another experiment than {sources[0]}.")
     place = Unfinished(absolute(out))
+    experiment = build_experiment(first["experiment"], source=RECORD)
     with writing(place.results):
+        # Refuses to gather among the parts of something else.
+        place.begin(first["name"], experiment, resume=True, fresh=False)
         try:
+            gathered: set[Path] = set()
             for source in sources:
                 if source.absolute() != place.folder:
-                    _copy(source, place.folder)
+                    gathered |= _copied(source, place.folder, gathered)
         except OSError as error:
             raise InputError(f"{place.folder}: the parts cannot be gathered ({system_reason(error)}).") from None
-    experiment = build_experiment(first["experiment"], source=RECORD)
     how = Execution(stored_only=True, progress=progress)
     return run_experiment(first["name"], experiment, out, execution=how)
 
@@ -238,15 +241,23 @@ def _source(folder: Path) -> Path:
     raise InputError(f"{folder}: it holds no parts of a share{done}.")
 
 
-def _copy(source: Path, target: Path) -> None:
-    """Add what a share stored; a part that two shares counted is the same in both."""
+def _copied(source: Path, target: Path, gathered: Set[Path]) -> set[Path]:
+    """Add what a share stored; the whole parts among it. One that another share counted too is the same in both."""
+    parts = set()
     for path in sorted(source.rglob("*")):
         if path.is_symlink():
             raise InputError(f"{path}: it is a link; the parts of a share are files of its folder.")
         if path.name.startswith(".") or not path.is_file():
             continue
-        place = target / path.relative_to(source)
-        if place.exists() and (path.suffix == ".json" or checkpoint_store.is_whole(place.read_bytes())):
+        if path.stat().st_size > checkpoint_store.MOST_BYTES:
+            raise InputError(f"{path}: it is larger than any part, {checkpoint_store.MOST_BYTES / 1e6:.0f} MB.")
+        place, content = target / path.relative_to(source), path.read_bytes()
+        whole = checkpoint_store.is_whole(content)
+        # What an earlier attempt left here may be what was refused then.
+        if place.exists() and (place in gathered or not whole):
             continue
         place.parent.mkdir(parents=True, exist_ok=True)
-        write_whole(place, path.read_bytes())
+        write_whole(place, content)
+        if whole:
+            parts.add(place)
+    return parts

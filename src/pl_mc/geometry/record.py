@@ -17,6 +17,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from pl_mc.arrays import ordinary_arithmetic
 from pl_mc.constants import EAST as EAST
+from pl_mc.constants import LEAST_SIGMA_M, MOST_SIGMA_M
 from pl_mc.constants import NORTH as NORTH
 from pl_mc.constants import UP as UP
 from pl_mc.input_errors import InputError, nearest, require_numbers, shown
@@ -28,8 +29,6 @@ SYSTEM_NAMES = {"G": "GPS", "C": "BeiDou", "E": "Galileo", "R": "GLONASS", "J": 
 
 POSITION_UNKNOWNS = 3
 
-# Beyond these a sigma is a slip of the unit, and weights cannot be computed with.
-_LEAST_SIGMA_M, _MOST_SIGMA_M = 1e-9, 1e9
 # Rows that were printed with two decimals are still taken.
 _LENGTH_TOLERANCE = 0.01
 # Clocks in seconds have the speed of light in their column.
@@ -387,8 +386,8 @@ def _as_epoch_numbers(value: ArrayLike, epochs: int) -> NDArray[np.int64]:
 
 def _require_rows(design: NDArray[np.float64], sigma_m: NDArray[np.float64], names: NDArray[np.str_]) -> None:
     """Raise `InputError` with the first satellite whose row (m, t) or sigma (m,) cannot be one."""
-    usual = (sigma_m >= _LEAST_SIGMA_M) & (sigma_m <= _MOST_SIGMA_M)
-    bounds = f"a sigma is finite and positive, {_LEAST_SIGMA_M:g} to {_MOST_SIGMA_M:g} m"
+    usual = (sigma_m >= LEAST_SIGMA_M) & (sigma_m <= MOST_SIGMA_M)
+    bounds = f"a sigma is finite and positive, {LEAST_SIGMA_M:g} to {MOST_SIGMA_M:g} m"
     finite = np.isfinite(design).all(axis=1)
     length = np.sqrt((np.where(np.abs(design) < 2.0, design, 2.0)[:, :POSITION_UNKNOWNS] ** 2).sum(axis=1))
     clocks = np.abs(design[:, POSITION_UNKNOWNS:]).max(axis=1, initial=0.0)

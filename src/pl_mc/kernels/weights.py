@@ -5,14 +5,13 @@ Each is a record whose constants are leaves (`pl_mc.kernels.parameters`); all ta
 
 from __future__ import annotations
 
-import numbers
 from dataclasses import dataclass
 from typing import Protocol
 
 import jax.numpy as jnp
 from jax import Array
 
-from pl_mc.input_errors import InputError
+from pl_mc.input_errors import InputError, is_real
 from pl_mc.kernels.parameters import checkable, require_positive_leaf, traced
 
 
@@ -33,7 +32,7 @@ class Igg3Weight:
     k1: float | Array = 5.0
 
     def __post_init__(self) -> None:
-        sound = all(isinstance(value, numbers.Real) for value in (self.k0, self.k1))
+        sound = is_real(self.k0) and is_real(self.k1)
         if checkable(self.k0, self.k1) and not (sound and 0.0 < self.k0 < self.k1 < float("inf")):
             raise InputError(f"igg3: 0 < k0 < k1 is needed, not k0 = {self.k0!r}, k1 = {self.k1!r}.")
 
@@ -88,7 +87,7 @@ class HampelWeight:
 
     def __post_init__(self) -> None:
         constants = (self.a, self.b, self.c)
-        sound = all(isinstance(value, numbers.Real) for value in constants)
+        sound = all(map(is_real, constants))
         if checkable(*constants) and not (sound and 0.0 < self.a <= self.b < self.c < float("inf")):
             raise InputError(f"hampel: 0 < a <= b < c is needed, not a = {self.a!r}, b = {self.b!r}, c = {self.c!r}.")
 

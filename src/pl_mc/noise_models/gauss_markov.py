@@ -29,8 +29,9 @@ class GaussMarkov:
 
     def __post_init__(self) -> None:
         sound = isinstance(self.tau_s, int | float | np.number) and not isinstance(self.tau_s, bool)
-        # Of a whole number beyond all doubles nothing is left to compute with.
-        if not sound or not (0.0 <= self.tau_s <= 1e300 or self.tau_s == math.inf):
+        # Of a whole number beyond all doubles nothing is left to compute with; single precision ends before 1e300.
+        limit = 1e300 if isinstance(self.tau_s, int | float) else 1e30
+        if not sound or not (0.0 <= self.tau_s <= limit or self.tau_s == math.inf):
             raise InputError(f"tau_s: a correlation time of at least 0 s is needed, not {shown(self.tau_s)}.")
 
     def correlation(self, interval_s: float) -> float:

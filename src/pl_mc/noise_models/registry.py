@@ -13,7 +13,7 @@ from pl_mc.noise_models.empirical import Empirical
 from pl_mc.noise_models.gauss_markov import GaussMarkov
 from pl_mc.noise_models.heavy_tails import GaussianMixture, StudentT
 from pl_mc.noise_models.off_centre import Multipath, NominalBias
-from pl_mc.runtime.model_files import is_model_file, options_in_file
+from pl_mc.runtime.model_files import is_model_file, model_in_file
 
 NOISE_MODELS: dict[str, type] = {
     "gaussian": Gaussian,
@@ -31,7 +31,7 @@ def noise_model(name: str, **options: Any) -> NoiseModel:
     A TOML file, such as `pl_mc.fit_overbound` writes, serves as a name as well.
     """
     if is_model_file(name):
-        return noise_model(**options_in_file(name, "noise"), **options)
+        return model_in_file(name, "noise", noise_model, **options)
     return build_named(name, NOISE_MODELS, options, what="noise")
 
 

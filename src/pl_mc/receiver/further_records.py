@@ -20,6 +20,9 @@ from pl_mc.runtime import sidereon_adapter as library
 # GLONASS: circles at 25,508 km; 3.6 km/s in space, with a clock of 22 bits of 2^-30 s (GLONASS ICD 5.1, table 4.5).
 _GLONASS_RADIUS_M, _FASTEST_M_S, _LARGEST_TAU_S = (2.5e7, 2.6e7), 4500.0, 2e-3
 
+# Channels that satellites have had since 2005, and those of today, -7 to 6 (GLONASS ICD 5.1, 3.3.1.1).
+_CHANNELS = range(-7, 14)
+
 _ANNOUNCED = re.compile(rf"> EPH (C\d\d) ({'|'.join(ADDED_TO_D1)})\b", re.ASCII)
 _PLACES = (*ADDED_DELAYS.values(), ADDED_HEALTH)
 
@@ -42,6 +45,9 @@ def glonass_records(file: RinexText, body: Sequence[str], left_out: list[str]) -
         low, high = _GLONASS_RADIUS_M
         if not (low < radius_m < high and speed_m_s < _FASTEST_M_S and abs(record.clock_bias_s) < _LARGEST_TAU_S):
             left_out.append(f"{where} (no satellite is there, is so fast or has such a clock)")
+            continue
+        if record.freq_channel not in _CHANNELS:
+            left_out.append(f"{where} (there is no channel {record.freq_channel})")
             continue
         sound.append(
             Ephemeris(

@@ -123,7 +123,7 @@ def read_navigation(
     added: list[Added] = []
     for path in paths:
         file = read_rinex_text(path, "navigation")
-        found, left_out = _ephemerides(file, systems, told, letters)
+        found, left_out, without = _ephemerides(file, systems, told, letters)
         records += found
         if "C" in systems:
             wanted = told is None or not set(ADDED_TO_D1.values()).isdisjoint(told["C"])
@@ -133,15 +133,17 @@ def read_navigation(
                 klobuchar[letter] = one
         if left_out:
             notes.append(f"Left out of {file.path.name}: {listed(left_out)}.")
+        if without:
+            notes.append(f"Read from {file.path.name} without one of their fields: {listed(without)}.")
     return Navigation(_merged([*records, *with_added(records, added)]), klobuchar, frozenset(letters), tuple(notes))
 
 
 def _ephemerides(
     file: RinexText, systems: Sequence[str], told: Mapping[str, Collection[str]] | None, letters: set[str]
-) -> tuple[list[Ephemeris], list[str]]:
-    """The sound records of a file, and what is to be said of the others."""
+) -> tuple[list[Ephemeris], list[str], list[str]]:
+    """The sound records of a file, what is to be said of the others, and of those that lack what is not needed."""
     if file.generation == 2 and file.header[0][20] != "N":
-        return [], ["all of it, which is of other systems"]
+        return [], ["all of it, which is of other systems"], []
     left_out = file.without_label()
     body = _without_misshapen(file, systems, left_out)
     try:
@@ -150,11 +152,13 @@ def _ephemerides(
         raise InputError(f"{file.path}: it cannot be read ({error}).") from None
     letters.update(one.satellite[0] for one in (*read.records, *read.other) if one.satellite)
     first_line = file.before - len(file.header)
-    left_out += [
-        f"the record of {one.satellite or 'no satellite'} at line {first_line + one.line} ({one.message})"
-        for one in (*read.skipped, *read.departures)
-        if one.satellite[:1] in systems or one.satellite[:1] not in "CEGIJRS"
-    ]
+    without: list[str] = []
+    for told_of, several in ((left_out, read.skipped), (without, read.departures)):
+        told_of += [
+            f"the record of {one.satellite or 'no satellite'} at line {first_line + one.line} ({one.message})"
+            for one in several
+            if one.satellite[:1] in systems or one.satellite[:1] not in "CEGIJRS"
+        ]
     sound = []
     for record in read.records:
         letter = record.satellite[0]
@@ -172,7 +176,7 @@ def _ephemerides(
             sound.append(_ephemeris(record))
     if "R" in systems:
         sound += glonass_records(file, body, left_out)
-    return sound, left_out
+    return sound, left_out, without
 
 
 def _without_misshapen(file: RinexText, systems: Sequence[str], left_out: list[str]) -> list[str]:
@@ -264,15 +268,15 @@ def _ephemeris(record: Any) -> Ephemeris:
         sent_s = -math.inf
     else:
         sent_s = toe_s + (sent_s - record.toe_tow_s + _WEEK_S / 2) % _WEEK_S - _WEEK_S / 2
-    accuracy_m = record.sv_accuracy_m
+    # A blank field promises nothing; of CNAV the library gives no accuracy where the index promises none.
+    accuracy_m = -1.0 if record.sv_accuracy_m is None else record.sv_accuracy_m
     return Ephemeris(
         name=record.satellite,
         message=_message(record),
         toe_gps_s=toe_s,
         sent_gps_s=sent_s,
         health=int(record.sv_health),
-        # Of CNAV the library gives no accuracy where the index promises none.
-        predicted=not record.is_cnav_family if accuracy_m is None else 0 <= accuracy_m <= system.largest_accuracy_m,
+        predicted=0 <= accuracy_m <= system.largest_accuracy_m,
         group_delays_s=_group_delays_s(record),
         week_gps_s=toe_s - record.toe_tow_s,
         record=record,

@@ -370,11 +370,15 @@ def _words(line: str) -> str:
 
 def _behind_gps_s(file: RinexText, read: Any, said: list[str]) -> float:
     """How far the times of the file are behind those of GPS [s]."""
-    first = read.header.time_of_first_obs
-    if first is None:
+    first, given = read.header.time_of_first_obs, file.labelled(["TIME OF FIRST OBS"])
+    if first is not None and given and not given[0][48:51].strip():
+        # Files of one system are in its own time unless they say so (RINEX 2.11, 3.04; times of GLONASS are UTC).
+        scale = {"R": "UTC", "C": "BDT", "M": ""}.get(file.header[0][40:41], "GPST")
+    else:
+        scale = "" if first is None else str(first[1]).removeprefix("TimeScale.")
+    if not scale:
         said.append(f"{file.path.name} does not say of which system its times are (TIME OF FIRST OBS); GPS is assumed.")
         return 0.0
-    scale = str(first[1]).removeprefix("TimeScale.")
     if scale not in _BEHIND_GPS_S:
         raise InputError(
             f"{file.path}: its times are {scale} (TIME OF FIRST OBS), and GPS, Galileo, QZSS or BeiDou time is needed; "

@@ -16,7 +16,7 @@ from pl_mc.error_models import DEFAULT_ERROR_MODEL, ErrorModel, Sky, as_error_mo
 from pl_mc.error_models.base import sigma_of_signal_m
 from pl_mc.geometry.frames import enu_rotation, geodetic
 from pl_mc.geometry.record import EAST, NORTH, SYSTEM_NAMES, UP, Geometry
-from pl_mc.input_errors import InputError
+from pl_mc.input_errors import InputError, require_number
 from pl_mc.receiver.corrections import bds_klobuchar_delay_m, klobuchar_delay_m, line_of_sight, troposphere_delay_m
 from pl_mc.receiver.ionosphere_maps import IonosphereMaps
 from pl_mc.receiver.notes import PLAUSIBLE_PSEUDORANGE_M, epoch_notes, event_notes, satellite_notes, truth_notes
@@ -127,7 +127,7 @@ def read_receiver_series(
         InputError: what `read_rinex` refuses; a mask outside 0 to 90 degrees; a truth more than 100 km from the
             header's position; no epoch with a known position and a satellite in view.
     """
-    if not 0 <= mask_deg < 90:
+    if not 0 <= require_number(mask_deg, field="mask_deg") < 90:
         raise InputError(f"mask_deg: {mask_deg:g} is outside 0 to 90 degrees.")
     model = as_error_model(error_model)
     if ionex is not None and ionosphere != "broadcast":

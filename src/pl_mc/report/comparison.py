@@ -13,9 +13,11 @@ from typing import Any
 
 import numpy as np
 import pandas as pd
+from pandas.api.types import is_numeric_dtype
 from scipy import special
 
 from pl_mc.alert import VERTICAL
+from pl_mc.engine.checkpoint_store import BadPart, read_rows
 from pl_mc.input_errors import InputError
 from pl_mc.kernels.events import EVENTS
 from pl_mc.report.document import Block, Bullets, Paragraph, TextTable
@@ -114,8 +116,12 @@ def compare_runs(first: RunFolder, second: RunFolder) -> Comparison:
     counted = [part for part in parts if part is not None]
     rates = pd.concat(counted, ignore_index=True) if counted else pd.DataFrame()
     if same and len(rates):
-        if (by_epoch := _by_epoch(first.folder, second.folder)) is not None:
-            rates = _with_paired_bounds(rates, by_epoch)
+        try:
+            by_epoch = _by_epoch(first.folder, second.folder)
+        except BadPart as bad:
+            notes.append(f"{bad}; the counts of epochs are left out.")
+        else:
+            rates = rates if by_epoch is None else _with_paired_bounds(rates, by_epoch)
         notes.append(_noise_note(int((rates["interval"] == PAIRED).sum()), len(rates)))
     elif len(rates):
         notes.append(
@@ -186,8 +192,13 @@ def _rates(name: str, first: pd.DataFrame, second: pd.DataFrame, notes: list[str
     if total is None or not counts or not keys or ("detections" in counts and "test" not in keys):
         return None
     for column in (total, *counts, *keys):
-        if pd.api.types.is_numeric_dtype(first[column]) != pd.api.types.is_numeric_dtype(second[column]):
+        if is_numeric_dtype(first[column]) != is_numeric_dtype(second[column]):
             raise InputError(f"{name}.csv: {column}: it holds numbers in one of the runs and words in the other.")
+    for side, table in (("first", first), ("second", second)):
+        _require_counts(f"{name}.csv of the {side} run", table, total, counts)
+    # Sizes may be whole numbers in one of them alone.
+    mixed = {key: float for key in keys if first[key].dtype != second[key].dtype and is_numeric_dtype(first[key])}
+    first, second = first.astype(mixed), second.astype(mixed)
     second = _renamed(first, second, notes)
     if first.duplicated(keys).any() or second.duplicated(keys).any():
         return None
@@ -221,6 +232,19 @@ def _rates(name: str, first: pd.DataFrame, second: pd.DataFrame, notes: list[str
     return pd.concat(parts, ignore_index=True)
 
 
+def _require_counts(where: str, table: pd.DataFrame, total: str, counts: Sequence[str]) -> None:
+    """Raise `InputError` for a row whose counts are no whole numbers of its total, as somebody may have made them."""
+    total_of_row = pd.to_numeric(table[total], errors="coerce").to_numpy(float)
+    most = np.where(total_of_row < 2.0**53, total_of_row, np.nan)
+    for column in (total, *counts, *({"independent_draws"} & set(table))):
+        values = pd.to_numeric(table[column], errors="coerce").to_numpy(float)
+        for row in np.flatnonzero(~((values >= 0) & (values <= most) & (values == np.floor(values)))):
+            raise InputError(
+                f"{where}: row {row + 1}: {column} {str(table[column].iloc[row])[:40]} is no count, which is a whole "
+                f"number from 0 to the {total} of the row."
+            )
+
+
 def _renamed(first: pd.DataFrame, second: pd.DataFrame, notes: list[str]) -> pd.DataFrame:
     """Methods with other options are laid beside the method of the same name, one for one, in their order."""
     if "method" not in first or "variant" in first:
@@ -246,8 +270,9 @@ def _by_epoch(first: Path, second: Path) -> tuple[pd.DataFrame, pd.DataFrame] | 
         if not folder.is_dir():
             return None
         keys = ["epoch", "method", "axis", "fault"]
-        rows = _with_axis(pd.read_parquet(folder))
-        if not set(keys) <= set(rows):
+        parts = list(read_rows(folder))
+        rows = _with_axis(pd.concat(parts)) if parts else pd.DataFrame()
+        if not {*keys, "draws"} <= set(rows):
             return None
         rows = rows.astype({"method": str, "axis": str, "fault": str})
         counts = [event.count for event in EVENTS if event.count in rows]
