@@ -137,7 +137,8 @@ def track_figure(table: pd.DataFrame, truth_m: np.ndarray, *, title: str) -> Fig
 
 
 @picture(
-    "sky", "Where the satellites were, and the error of each without its system's clock, at a tenth of the epochs."
+    "sky",
+    "Where the satellites were, and the error of each without its system's clock; of many points an evenly chosen part.",
 )
 def sky_figure(residuals: pd.DataFrame, azimuth_deg: np.ndarray, *, title: str) -> Figure:
     """A sky plot coloured by the error, and the error over elevation beside it."""
