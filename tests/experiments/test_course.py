@@ -51,7 +51,7 @@ def test_a_long_day_becomes_equal_parts_that_hold_all_of_it() -> None:
     assert table.chart.gap == pytest.approx(0.15)
     (chart,) = charts_of([TableEntry("course", table.chart)], {"course": table.data}, val_m=35.0, hal_m=40.0)
     assert chart["quantities"] == [
-        {"label": f"{axis}, median and smallest to largest [m]", "rate": False, "bounds": "smallest to largest"}
+        {"label": f"{axis}, median and range [m]", "rate": False, "bounds": "smallest to largest"}
         for axis in ("vertical", "horizontal")
     ]
     assert chart["gap"] == pytest.approx(0.15)

@@ -63,10 +63,10 @@
     // Lines and bands end where something is missing.
     const parts = (line) => line.reduce((made, row) => {
       const last = made.at(-1);
-      if (last && !(data.gap && row.x - last.at(-1).x > data.gap)) last.push(row);
+      if (!last.length || !(data.gap && row.x - last.at(-1).x > data.gap)) last.push(row);
       else made.push([row]);
       return made;
-    }, []);
+    }, [[]]);
     const controls = element(place, "div", {class: "controls"});
     const menu = (label, values, change) => {
       const box = element(controls, "label", {}, `${label} `);

@@ -48,7 +48,7 @@ def course_table(table: pd.DataFrame) -> Table:
             found.append(middle.assign(curve=f"{short_label(str(name))}, {what}", **made).reset_index(drop=True))
     rows = pd.concat(found, ignore_index=True)
     columns = ["curve", "time", "epochs", *(f"{axis}{end}_m" for axis in _AXES for end in _BOUNDS)]
-    spread = ", median and smallest to largest" if width_s else ""
+    spread = ", median and range" if width_s else ""
     each = f"{_MOST_PARTS} equal parts of the time" if width_s else "each epoch"
     chart = Chart(
         f"Errors and levels in time, {each}", ("curve",),

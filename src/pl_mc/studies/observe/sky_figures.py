@@ -137,8 +137,7 @@ def track_figure(table: pd.DataFrame, truth_m: np.ndarray, *, title: str) -> Fig
 
 
 @picture(
-    "sky",
-    "Where the satellites were, and the error of each without its system's clock; of many points an evenly chosen part.",
+    "sky", "Where the satellites were, and the error of each without its system's clock; of many points every nth."
 )
 def sky_figure(residuals: pd.DataFrame, azimuth_deg: np.ndarray, *, title: str) -> Figure:
     """A sky plot coloured by the error, and the error over elevation beside it."""
