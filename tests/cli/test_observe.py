@@ -65,7 +65,7 @@ def test_two_faulted_satellites_alarm_least_squares_and_not_the_robust_level(
     assert manifest["experiment"]["faults"] == ["G15:+30m:400-499", "G17:+30m:400-499"]
     assert len(manifest["inputs"]["observations"]["sha256"]) == 64
     stored = read_run_folder(tmp_path / "out")
-    assert set(stored.tables) == {"epochs", "stanford"}
+    assert set(stored.tables) == {"epochs", "course", "stanford"}
     assert stored.document is not None
     assert stored.document.answer == STUDY.answer({"epochs": table}, build_experiment(stored.experiment, source=""))
 

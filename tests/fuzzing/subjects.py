@@ -175,7 +175,7 @@ def _maps(observations: bytes, navigation: bytes) -> Callable[[Path], Read]:
 def _maps_text() -> bytes:
     with tempfile.TemporaryDirectory() as folder:
         days = ("2020 6 25 0 0 0", "2020 6 25 12 0 0", "2020 6 26 0 0 0")
-        return ionex(Path(folder), lambda k: 20.0 + 5.0 * k, days).read_bytes()
+        return ionex(Path(folder), lambda k, *_: 20.0 + 5.0 * k, days).read_bytes()
 
 
 def _claims(path: Path) -> Read:

@@ -72,16 +72,20 @@ def with_cnav(text: str) -> str:
     return re.sub(r"> EPH (G\d\d) LNAV *\n((?:[^>].*\n){8})", made, text)
 
 
-def with_b_cnav(text: str, *, delays: tuple[float, float] = (4e-9, -3e-9), health: tuple[int, int] = (0, 0)) -> str:
+def with_b_cnav(
+    text: str, *, delays: tuple[float, float] = (4e-9, -3e-9), health: tuple[int, int] = (0, 0),
+    flags: tuple[int | None, int | None] = (0, 0),
+) -> str:  # fmt: skip
     """A navigation file with records of B-CNAV1 and B-CNAV2 after each of D1."""
 
     def made(found: re.Match[str]) -> str:
         blank, out = " " * 19, found[0]
-        for message, ill in zip(("CNV1", "CNV2"), health, strict=True):
+        for message, ill, flag in zip(("CNV1", "CNV2"), health, flags, strict=True):
+            flag_field = blank if flag is None else f"{float(flag):19.12e}"
             rows = found[2].split("\n")[:6]
             rows.append("    " + f"{0.0:19.12e}" * 4)
             rows.append(f"    {1e-9:19.12e}{blank}{delays[0]:19.12e}{delays[1]:19.12e}")
-            rows.append(f"    {0.0:19.12e}{float(ill):19.12e}{0.0:19.12e}{1.0:19.12e}")
+            rows.append(f"    {0.0:19.12e}{float(ill):19.12e}{flag_field}{1.0:19.12e}")
             rows.append(f"    {0.0:19.12e}{blank}{blank}{1.0:19.12e}")
             out += f"> EPH {found[1]} {message}\n" + "\n".join(rows) + "\n"
         return out
@@ -411,6 +415,26 @@ def test_health_of_b_cnav(health: tuple[int, int], forbidden: str, texts: tuple[
     for signal in ("B1C", "B2a"):
         data = read_rinex(*paths, systems=("C",), signals=(signal,), ionosphere="none")
         assert bool(used(data)) == (signal != forbidden)
+    assert used(read_rinex(*paths, systems=("C",), ionosphere="none"))
+
+
+# Flags of B-CNAV1 are DIF, SIF and AIF of B1C; of B-CNAV2 those of B2a and then those of B1C.
+@pytest.mark.parametrize(
+    ("flags", "forbidden"),
+    [
+        ((0b100, 0), {"B1C"}), ((0b010, 0), {"B1C"}), ((0b001, 0), set()), ((0, 0b100_000), {"B2a"}),
+        ((0, 0b010_000), {"B2a"}), ((0, 0b001_001), set()), ((0, 0b000_100), {"B1C"}), ((0, 0b010_010), {"B1C", "B2a"}),
+        ((None, None), set()),
+    ],
+)  # fmt: skip
+def test_integrity_flags_of_b_cnav(
+    flags: tuple[int | None, int | None], forbidden: set[str], texts: tuple[str, str], tmp_path: Path
+) -> None:
+    paths = write(tmp_path, (texts[0], with_b_cnav(texts[1], flags=flags)))
+    for signal in ("B1C", "B2a"):
+        data = read_rinex(*paths, systems=("C",), signals=(signal,), ionosphere="none")
+        assert bool(used(data)) == (signal not in forbidden)
+        assert data.unhealthy.any() == (signal in forbidden)
     assert used(read_rinex(*paths, systems=("C",), ionosphere="none"))
 
 

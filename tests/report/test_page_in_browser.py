@@ -4,13 +4,18 @@ from __future__ import annotations
 
 from pathlib import Path
 
+import numpy as np
+import pandas as pd
 import pytest
 from browser import Browser
 from stored_runs import SIZES_M
 
 from pl_mc.experiments.reading import write_comparison
+from pl_mc.report.files import write_findings
+from pl_mc.report.findings import Findings
 from pl_mc.report.page import write_page
 from pl_mc.report.run_folder import read_run_folder
+from pl_mc.studies.observe.course import course_table
 
 LOOK = """
 out.inner = innerWidth; out.wide = document.documentElement.scrollWidth;
@@ -134,3 +139,31 @@ def test_the_page_of_a_comparison_draws_both_runs(browser: Browser, small_run: P
     assert seen["curves"] == 4
     # Seven events of eight rows each.
     assert seen["rows"] == 72
+
+
+def test_lines_in_time_end_where_epochs_are_missing(browser: Browser, small_run: Path, tmp_path: Path) -> None:
+    k = np.r_[0:20, 60:80]
+    epochs = pd.DataFrame({
+        "time": pd.Timestamp("2020-06-25") + pd.to_timedelta(k, unit="s"), "method": "ls", "east_m": 3.0,
+        "north_m": 4.0, "up_m": -0.5, "vpl_m": 7.0, "hpl_m": 9.0, "available": True,
+    })  # fmt: skip
+    folder = tmp_path / "course"
+    folder.mkdir()
+    (folder / "manifest.json").write_text((small_run / "manifest.json").read_text())
+    findings = Findings(("One.",), (course_table(epochs),))
+    write_findings(findings, folder, title="t", kind="sweep", question="Is it?", answer=("It is.",), val_m=35.0)
+    write_page(read_run_folder(folder), meanings={})
+    script = (
+        "const svg = document.querySelector('.canvas svg');"
+        "out.curves = svg.querySelectorAll('polyline').length; out.bands = svg.querySelectorAll('.band').length;"
+        "svg.focus(); svg.dispatchEvent(new KeyboardEvent('keydown', {key: 'ArrowRight', bubbles: true}));"
+        "svg.dispatchEvent(new KeyboardEvent('keydown', {key: 'ArrowRight', bubbles: true}));"
+        "out.tip = document.querySelector('.tip').textContent;"
+    )
+    seen, console = browser.probe(folder / "report.html", script)
+    assert console == []
+    # The error and the level, each in two parts.
+    assert seen["curves"] == seen["bands"] == 4
+    assert "2020-06-25 00:00:00 1 s" in seen["tip"]
+    assert "least squares, error: 0.5 m" in seen["tip"]
+    assert "least squares, level: 7 m" in seen["tip"]

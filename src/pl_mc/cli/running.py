@@ -151,7 +151,7 @@ def observe(
         RINEX 2, 3 or 4 navigation files with broadcast ephemerides of that day, one or several; observation files
         among them are those of further days.
     truth
-        The true position: `X,Y,Z` Earth-fixed [m], or a file with a track: CSV, a `.pos` of RTKLIB, an NMEA log.
+        The true position: `X,Y,Z` Earth-fixed [m], or a file with a track: CSV, a `.pos` of RTKLIB, an NMEA or UBX log.
     systems
         Systems to use, RINEX letters: G (GPS), E (Galileo), C (BeiDou), R (GLONASS), J (QZSS), such as `G,E`;
         those of the first three that the files have unless given.
@@ -182,7 +182,7 @@ def observe(
         Which limit decides: vertical, horizontal or either; the vertical one, where it is given, unless told.
     claims
         A file in which the receiver or a program says how good its positions are, judged beside the methods: a `.pos`
-        of RTKLIB, an NMEA log with GST, a CSV file; repeatable. See docs/how-to/receiver.md.
+        of RTKLIB, an NMEA log with GST, a UBX log, a CSV file; repeatable. See docs/how-to/receiver.md.
     claim_multiplier
         What makes a claimed standard deviation a protection level; 6.18 horizontally and 5.33 vertically unless given.
     residuals

@@ -13,7 +13,6 @@ from numpy.typing import NDArray
 from pl_mc.geometry.gps_time import gps_seconds
 from pl_mc.input_errors import InputError
 from pl_mc.runtime.sidereon_adapter import gps_minus_utc_s
-from pl_mc.runtime.unpacking import read_unzipped
 
 # A receiver is on the ground, at sea or in the air: from below the radius at the poles to well above the equator.
 LOWEST_RADIUS_M, HIGHEST_RADIUS_M = 6_300_000.0, 6_500_000.0
@@ -65,10 +64,10 @@ def unusable_claim(sigma_m: NDArray[np.float64]) -> NDArray[np.bool_]:
     return ~(np.isfinite(sigma_m) & (sigma_m > 0) & (sigma_m < _LARGEST_CLAIM_M))
 
 
-def text_lines(path: Path, what: str) -> list[str]:
+def text_lines(path: Path, content: bytes, what: str) -> list[str]:
     """The lines of a text file, whatever ends them; ``what`` is what it should be, for the sentence of an error."""
     try:
-        return read_unzipped(path).decode("utf-8-sig").replace("\r\n", "\n").replace("\r", "\n").split("\n")
+        return content.decode("utf-8-sig").replace("\r\n", "\n").replace("\r", "\n").split("\n")
     except UnicodeDecodeError:
         raise InputError(f"{path}: it is not a text file; {what}.") from None
 

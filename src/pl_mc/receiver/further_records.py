@@ -14,7 +14,16 @@ import numpy as np
 from pl_mc.geometry.gps_time import GPS_EPOCH
 from pl_mc.receiver.ephemerides import NUMBER_WIDTH, Ephemeris, misshapen
 from pl_mc.receiver.rinex_text import RinexText
-from pl_mc.receiver.signals import ADDED_DELAYS, ADDED_HEALTH, ADDED_TO_D1, D1_D2, FDMA, SYSTEMS
+from pl_mc.receiver.signals import (
+    ADDED_DELAYS,
+    ADDED_FLAGS,
+    ADDED_HEALTH,
+    ADDED_TO_D1,
+    D1_D2,
+    FDMA,
+    FLAGS_ABOVE,
+    SYSTEMS,
+)
 from pl_mc.runtime import sidereon_adapter as library
 
 # GLONASS: circles at 25,508 km; 3.6 km/s in space, with a clock of 22 bits of 2^-30 s (GLONASS ICD 5.1, table 4.5).
@@ -24,7 +33,7 @@ _GLONASS_RADIUS_M, _FASTEST_M_S, _LARGEST_TAU_S = (2.5e7, 2.6e7), 4500.0, 2e-3
 _CHANNELS = range(-7, 14)
 
 _ANNOUNCED = re.compile(rf"> EPH (C\d\d) ({'|'.join(ADDED_TO_D1)})\b", re.ASCII)
-_PLACES = (*ADDED_DELAYS.values(), ADDED_HEALTH)
+_PLACES = (*ADDED_DELAYS.values(), ADDED_HEALTH, ADDED_FLAGS)
 
 
 def glonass_records(file: RinexText, body: Sequence[str], left_out: list[str]) -> list[Ephemeris]:
@@ -90,14 +99,20 @@ def added_records(file: RinexText, left_out: list[str]) -> list[Added]:
         except ValueError:
             bad = bad or rows[0][4:23]
         given = {delay: fields[at] for delay, at in ADDED_DELAYS.items() if fields[at].strip()}
-        delays_s = {} if bad else {delay: float(text.upper().replace("D", "E")) for delay, text in given.items()}
+        delays_s = {} if bad else {delay: _number(text) for delay, text in given.items()}
         if bad or not all(abs(delay_s) <= SYSTEMS["C"].largest_group_delay_s for delay_s in delays_s.values()):
             left_out.append(f"the record of {match[1]} at line {file.number(k + 1)} ({bad or 'its group delays'})")
             continue
         time_s = (date - GPS_EPOCH).total_seconds() + SYSTEMS["C"].behind_gps_s
-        health = int(float(fields[ADDED_HEALTH].upper().replace("D", "E")))
+        # Where no flags are written none is raised.
+        health, flags = (int(_number(fields[at] if fields[at].strip() else "0")) for at in (ADDED_HEALTH, ADDED_FLAGS))
+        health |= max(flags, 0) << FLAGS_ABOVE
         found.append(Added(match[1], ADDED_TO_D1[match[2]], time_s, health, delays_s))
     return found
+
+
+def _number(text: str) -> float:
+    return float(text.upper().replace("D", "E"))
 
 
 def with_added(records: Iterable[Ephemeris], added: Iterable[Added]) -> Iterator[Ephemeris]:

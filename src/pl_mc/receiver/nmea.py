@@ -38,6 +38,12 @@ def is_nmea(lines: Sequence[str]) -> bool:
     return any(_SENTENCE.search(line) for line in lines[:_LEAST_HEADS])
 
 
+def nmea_lines(content: bytes) -> list[str]:
+    """Of bytes that are no text, such as a log with noise or binary messages, the lines with sentences."""
+    lines = content.decode("latin-1").replace("\r", "\n").split("\n")
+    return [line for line in lines if _SENTENCE.search(line)]
+
+
 def read_nmea(path: Path, lines: Sequence[str]) -> Fixes:
     """The positions of a log, above the ellipsoid, and what GST sentences of the same time claim of them.
 

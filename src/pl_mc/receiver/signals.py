@@ -27,10 +27,14 @@ GROUP_DELAYS: Mapping[str, str] = {
 }  # fmt: skip
 
 # Messages of BeiDou of which the library has the lines alone, by their names in RINEX 4: what is added to the clock and
-# the orbit of D1, with the places (line and number) of the delays and of the health (RINEX 4.00, CNV1 and CNV2).
+# the orbit of D1, with the places (line and number) of the delays, of the health, and of the integrity flags after it
+# (RINEX 4.00, CNV1 and CNV2). Health has two bits, and flags come above them: of B-CNAV2 three of B2a and then, as in
+# B-CNAV1, three of B1C, which are DIF (the error exceeds what was predicted), SIF (the signal is not normal) and AIF
+# (SISMAI is not valid, of which no document says what it would mean; so AIF forbids nothing).
 ADDED_TO_D1: Mapping[str, str] = {"CNV1": B_CNAV1, "CNV2": B_CNAV2}
 ADDED_DELAYS: Mapping[str, tuple[int, int]] = {"TGD B1Cp": (7, 2), "TGD B2ap": (7, 3)}
-ADDED_HEALTH = (8, 1)
+ADDED_HEALTH, ADDED_FLAGS, FLAGS_ABOVE = (8, 1), (8, 2), 2
+_B_HEALTH, _B1C_FLAGS, _B2A_FLAGS = 0b11, 0b110 << FLAGS_ABOVE, 0b110_000 << FLAGS_ABOVE
 
 # Those without which a record is damaged; of CNAV some are not sent.
 OWN_GROUP_DELAYS: Mapping[str, tuple[str, ...]] = {
@@ -264,11 +268,11 @@ SIGNALS: tuple[Signal, ...] = (
     Signal("C", "B2I", ("C7I", "C7X", "C7Q"), _E5B_HZ, {D1_D2: {"TGD2": 1.0}}, {D1_D2: _ANY_BIT}),
     Signal(
         "C", "B1C", ("C1P", "C1X"), FREQUENCY_L1_HZ, {message: {"TGD B1Cp": 1.0} for message in (B_CNAV1, B_CNAV2)},
-        {D1_D2: _ANY_BIT, B_CNAV1: _ANY_BIT},
+        {D1_D2: _ANY_BIT, B_CNAV1: _B_HEALTH | _B1C_FLAGS, B_CNAV2: _B1C_FLAGS},
     ),
     Signal(
         "C", "B2a", ("C5P", "C5X"), _L5_HZ, {message: {"TGD B2ap": 1.0} for message in (B_CNAV2, B_CNAV1)},
-        {D1_D2: _ANY_BIT, B_CNAV2: _ANY_BIT},
+        {D1_D2: _ANY_BIT, B_CNAV2: _B_HEALTH | _B2A_FLAGS},
     ),
     Signal("R", "G1", ("C1C", "C1P"), 1_602.0e6, {FDMA: {}}, {FDMA: _ANY_BIT}, neglected_m={FDMA: 3.0}),
     Signal("R", "G2", ("C2C", "C2P"), 1_246.0e6, {FDMA: {}}, {FDMA: _ANY_BIT}, neglected_m={FDMA: 3.0}),

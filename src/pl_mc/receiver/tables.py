@@ -73,7 +73,7 @@ def read_claims_table(path: Path, lines: Sequence[str]) -> Fixes:
     return Fixes(
         source=str(path), time_gps_s=np.array(times)[order],
         position_m=np.full_like(position, np.nan) if errors else position, error_m=position if errors else None,
-        covariance_m2=_covariance(claim[:, : len(sigma)]) if sigma else None,
+        covariance_m2=covariance_of(claim[:, : len(sigma)]) if sigma else None,
         level_m={name[:3]: claim[:, len(sigma) + k] for k, name in enumerate(levels)} or None,
         satellites=np.array(satellites)[order] if satellites else None,
         of_sigma="" if not sigma else HACC_AS if sigma == SIGMAS[1] else "its standard deviations",
@@ -124,7 +124,7 @@ def _claim(where: str, name: str, text: str) -> float:
     return value if not unusable_claim(np.array(value)) else np.nan
 
 
-def _covariance(sigma_m: NDArray[np.float64]) -> NDArray[np.float64]:
+def covariance_of(sigma_m: NDArray[np.float64]) -> NDArray[np.float64]:
     """(k, 3, 3) [m^2] of standard deviations east, north, up, or of a horizontal one and that up."""
     if sigma_m.shape[1] == 2:
         east = sigma_m[:, 0] / np.sqrt(2.0)

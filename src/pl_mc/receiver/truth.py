@@ -22,9 +22,11 @@ from pl_mc.receiver.fixes import (
     text_lines,
     week_seconds,
 )
-from pl_mc.receiver.nmea import is_nmea, read_nmea
+from pl_mc.receiver.nmea import is_nmea, nmea_lines, read_nmea
 from pl_mc.receiver.rtklib_pos import is_pos, read_pos
 from pl_mc.receiver.tables import read_claims_table
+from pl_mc.receiver.ubx import is_ubx, read_ubx
+from pl_mc.runtime.unpacking import read_unzipped
 
 # Track samples further apart than this are a gap, across which nothing is interpolated.
 LONGEST_STEP_S = 2.0
@@ -97,7 +99,8 @@ def read_truth(text: str) -> Truth:
         text: three Earth-fixed coordinates in metres, separated by commas; or the path of a file, plain or packed
             (``.gz``): a ``.csv`` with the columns GPS week, seconds of week, latitude [deg], longitude [deg],
             ellipsoidal height [m], or with a heading ``time_gps_s,x_m,y_m,z_m``, where lines that start with ``#`` are
-            comments; a solution of RTKLIB, ``.pos``; a log of NMEA sentences, ``.nmea`` or ``.txt``, with GGA and RMC.
+            comments; a solution of RTKLIB, ``.pos``; a log of NMEA sentences, ``.nmea`` or ``.txt``, with GGA and RMC;
+            one of UBX messages, ``.ubx``, with NAV-PVT.
 
     Raises:
         InputError: neither of both, a file that cannot be read (with its line), or a position away from the
@@ -112,7 +115,7 @@ def read_truth(text: str) -> Truth:
     if len(parts) != 3 or any(number is None for number in numbers):
         raise InputError(
             f"truth: {shown(text)} is neither X,Y,Z (three Earth-fixed metres) nor the path of a track (.csv, .pos of "
-            "RTKLIB, .nmea)."
+            "RTKLIB, .nmea, .ubx)."
         )
     position = np.array(numbers, dtype=float)
     require_near_surface(position, "truth")
@@ -120,28 +123,39 @@ def read_truth(text: str) -> Truth:
 
 
 def read_claims(path: Path) -> Fixes:
-    """What a receiver or a program says of its own positions: a ``.pos``, an NMEA log, or a table.
+    """What a receiver or a program says of its own positions: a ``.pos``, an NMEA or UBX log, or a table.
 
     Raises:
         InputError: a file that cannot be read, or that claims nothing.
     """
     path = require_path(path, field="claims")
-    lines = text_lines(path, "a .pos of RTKLIB, an NMEA log or a CSV file is needed")
-    fixes = _fixes(path, lines) or read_claims_table(path, lines)
+    fixes, lines = _fixes(path, "a .pos of RTKLIB, an NMEA or UBX log or a CSV file is needed")
+    fixes = fixes or read_claims_table(path, lines)
     if fixes.covariance_m2 is None and not fixes.level_m:
         claims = "GST sentences" if is_nmea(lines) else "standard deviations above zero"
         raise InputError(f"{path}: it says nothing of the errors of its positions; {claims} are needed.")
     return fixes
 
 
-def _fixes(path: Path, lines: Sequence[str]) -> Fixes | None:
-    """The positions of a file in the form of a program or of receivers; None where it is a table."""
-    return read_pos(path, lines) if is_pos(lines) else read_nmea(path, lines) if is_nmea(lines) else None
+def _fixes(path: Path, what: str) -> tuple[Fixes | None, list[str]]:
+    """The positions of a file in the form of a program or of receivers, None where it is a table; and its lines."""
+    content = read_unzipped(path)
+    try:
+        lines = text_lines(path, content, what)
+    except InputError:
+        messages = is_ubx(content)
+        fixes = read_ubx(path, content) if messages else None
+        lines = [] if fixes else nmea_lines(content)
+        if messages and not (fixes or lines):
+            raise InputError(f"{path}: none of its UBX messages has a position; those of NAV-PVT are needed.") from None
+        if not (fixes or lines):
+            raise
+        return fixes or read_nmea(path, lines), lines
+    return read_pos(path, lines) if is_pos(lines) else read_nmea(path, lines) if is_nmea(lines) else None, lines
 
 
 def _read_track(path: Path) -> Truth:
-    lines = text_lines(path, "a track is a CSV file, a .pos of RTKLIB or an NMEA log")
-    fixes = _fixes(path, lines)
+    fixes, lines = _fixes(path, "a track is a CSV file, a .pos of RTKLIB or an NMEA or UBX log")
     if fixes is not None:
         _require_possible_steps(fixes)
         return Truth(fixes.time_gps_s, fixes.position_m, fixes.source, fixes.notes)

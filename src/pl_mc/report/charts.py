@@ -112,10 +112,13 @@ def chart_data(
             for menu, values, first in zip(menus, choices, begin, strict=True)
         ],
         "quantities": [
-            {"label": quantity.label, "rate": quantity.is_rate, **_limit(quantity.value, limits)}
+            {"label": quantity.label, "rate": quantity.is_rate}
+            | ({} if quantity.is_rate else {"bounds": quantity.bounds})
+            | _limit(quantity.value, limits)
             for quantity in quantities
         ],
         "log": chart.logarithmic,
+        **({} if chart.gap is None else {"gap": chart.gap}),
         "rows": [list(row) for row in zip(*cells, strict=True)],
     }
 

@@ -82,6 +82,7 @@ class Quantity:
         value, low, high: columns.
         count: column of the number of events, where the table has one.
         is_rate: whether it is a probability; else metres.
+        bounds: what bounds of metres are.
     """
 
     label: str
@@ -90,6 +91,7 @@ class Quantity:
     high: str
     count: str | None = None
     is_rate: bool = True
+    bounds: str = "5-95 %"
 
 
 @with_config(_ALL_KNOWN)
@@ -104,6 +106,7 @@ class Chart:
         menus: columns that, with the curve and ``x``, tell all rows apart; each becomes a menu.
         x, x_label: column of the horizontal axis, and its name.
         logarithmic: whether the vertical axis is, as for probabilities that span many decades.
+        gap: steps of ``x`` that no line goes across are longer; None where lines go across all.
     """
 
     title: str
@@ -113,6 +116,7 @@ class Chart:
     x: str = "bias_m"
     x_label: str = "bias [m]"
     logarithmic: bool = False
+    gap: float | None = None
 
 
 @with_config(_ALL_KNOWN)

@@ -98,21 +98,34 @@ def ionosphere_maps(content: bytes) -> Any:
     return _call("load_ionex", content)
 
 
-def slant_delays_m(product: Any, requests: Sequence[Sequence[float]], carrier_hz: float) -> list[float | str]:
-    """Delays by maps [m], or why there is none, of latitude, longitude, azimuth, elevation [deg] and GPS time [s]."""
+def map_times_s(product: Any) -> list[int]:
+    """Times of the maps of an ``Ionex`` [s of UTC since 2000-01-01 12:00]."""
+    return [int(time_s) for time_s in product.map_epochs_j2000_s]
+
+
+def goes_round(product: Any) -> bool:
+    """Whether the maps of an ``Ionex`` have every longitude."""
+    longitudes = product.lon_nodes_deg
+    return bool(longitudes[-1] - longitudes[0] + product.dlon_deg >= 360.0)
+
+
+def slant_delays_m(
+    product: Any, time_s: int, rays_deg: Sequence[Sequence[float]], carrier_hz: float
+) -> list[float | str]:
+    """Delays by the map of a time of UTC [m], or why there is none; latitude, longitude, azimuth, elevation [deg]."""
     import sidereon
 
     made = [
-        sidereon.IonexSlantRequest(latitude, longitude, azimuth, elevation, _utc_j2000_s(time_s), carrier_hz)
-        for latitude, longitude, azimuth, elevation, time_s in requests
+        sidereon.IonexSlantRequest(latitude, longitude, azimuth, elevation, time_s, carrier_hz)
+        for latitude, longitude, azimuth, elevation in rays_deg
     ]
     found: Any = sidereon.ionex_slant_delay_results(product, made)
     return [float(one.delay_m) if one.is_ok else str(one.refusal.message) for one in found]
 
 
-def _utc_j2000_s(time_gps_s: float) -> int:
-    """Whole seconds of UTC since 2000-01-01 12:00 of a GPS time [s]."""
-    return round(time_gps_s - gps_minus_utc_s(_GPS_EPOCH_JD + time_gps_s / 86_400.0) - _J2000_GPS_S)
+def utc_j2000_s(time_gps_s: float) -> float:
+    """Seconds of UTC since 2000-01-01 12:00 of a GPS time [s]."""
+    return time_gps_s - gps_minus_utc_s(_GPS_EPOCH_JD + time_gps_s / 86_400.0) - _J2000_GPS_S
 
 
 def gps_minus_utc_s(julian_date: float) -> float:

@@ -1,4 +1,5 @@
-// Draws the charts of the page from the data in it: rates with their bounds against a bias. No library, no request.
+// Draws the charts of the page from the data in it: rates or lengths with their bounds against a bias or in time. No
+// library, no request.
 "use strict";
 (() => {
   const NS = "http://www.w3.org/2000/svg";
@@ -30,7 +31,7 @@
   function valueText(row, quantity) {
     const {y, low, high, count, draws} = row;
     if (y === null) return "no value";
-    if (!quantity.rate) return `${digits(y)} m (5-95 %: ${digits(low)} to ${digits(high)} m)`;
+    if (!quantity.rate) return low === high ? `${digits(y)} m` : `${digits(y)} m (${quantity.bounds}: ${digits(low)} to ${digits(high)} m)`;
     const counted = count !== null && draws !== null ? `, ${grouped(count)} of ${grouped(draws)}` : "";
     if (low === null || high === null || low === high) return `${share(y)}${counted}`;
     if (y === 0) return `0 (below ${share(high)})${counted}`;
@@ -58,6 +59,14 @@
       quantity: 0, log: data.log, menus: data.menus.map((one) => one.begin), at: null,
       shown: data.curves.map((_, k) => data.curves.length <= COLOURS || k < SHOWN_AT_FIRST),
     };
+    const unit = (/\[(.*)\]/.exec(data.x) ?? ["", "m"])[1];
+    // Lines and bands end where something is missing.
+    const parts = (line) => line.reduce((made, row) => {
+      const last = made.at(-1);
+      if (!last.length || !(data.gap && row.x - last.at(-1).x > data.gap)) last.push(row);
+      else made.push([row]);
+      return made;
+    }, [[]]);
     const controls = element(place, "div", {class: "controls"});
     const menu = (label, values, change) => {
       const box = element(controls, "label", {}, `${label} `);
@@ -165,13 +174,16 @@
       data.curves.forEach((name, k) => {
         if (!state.shown[k]) return;
         const line = visible.filter((row) => row.curve === k);
-        const bound = line.filter((row) => row.low !== null && row.high !== null);
-        if (bound.length > 1) {
+        for (const bound of parts(line.filter((row) => row.low !== null && row.high !== null))) {
+          if (bound.length < 2) continue;
           const up = bound.map((row) => `${px(row.x)},${py(row.high)}`), down = bound.map((row) => `${px(row.x)},${py(row.low)}`);
           make(svg, "polygon", {class: `band c${k % COLOURS}`, points: [...up, ...down.reverse()].join(" ")});
         }
         const seen = state.log ? line.filter((row) => row.y > FLOOR) : line;
-        style(make(svg, "polyline", {points: seen.map((row) => `${px(row.x)},${py(row.y)}`).join(" "), fill: "none", "stroke-width": 1.6}), k);
+        for (const part of parts(seen)) {
+          const points = part.map((row) => `${px(row.x)},${py(row.y)}`).join(" ");
+          style(make(svg, "polyline", {points, fill: "none", "stroke-width": 1.6}), k);
+        }
         if (line.length <= 80) line.forEach((row) => {
           const none = row.y === 0 && row.high > 0;
           if (state.log && row.y <= FLOOR && !none) return;
@@ -190,7 +202,7 @@
         if (x === null) { tip.hidden = true; guide.setAttribute("visibility", "hidden"); return; }
         guide.setAttribute("x1", px(x)); guide.setAttribute("x2", px(x)); guide.setAttribute("visibility", "visible");
         tip.replaceChildren();
-        element(tip, "strong", {}, `${data.x.replace(/ \[.*/, "")} ${digits(x)} m`);
+        element(tip, "strong", {}, `${data.x.replace(/ \[.*/, "")} ${digits(x)} ${unit}`);
         for (const row of visible.filter((one) => one.x === x)) {
           const entry = element(tip, "div");
           element(entry, "span", {class: `key c${row.curve % COLOURS}`, "aria-hidden": "true"});

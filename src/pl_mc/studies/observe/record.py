@@ -19,8 +19,9 @@ class ObserveExperiment(ByOneAxis, ReceiverFiles):
 
     ``faults`` holds texts such as ``G02:+30m:545-645``, see `pl_mc.biases`; all of them are added to the errors, those
     that are drawn as the seed has them, anew at each epoch. ``claims`` are files in which the receiver, or a program,
-    says how good its own positions are: a ``.pos`` of RTKLIB, an NMEA log with GST, a table; a standard deviation in
-    them becomes a protection level by ``claim_multiplier``, 6.18 horizontally and 5.33 vertically unless given.
+    says how good its own positions are: a ``.pos`` of RTKLIB, an NMEA log with GST, a UBX log, a table; a standard
+    deviation in them becomes a protection level by ``claim_multiplier``, 6.18 horizontally and 5.33 vertically unless
+    given.
     """
 
     kind: Literal["observe"] = "observe"

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from functools import partial
 from pathlib import Path
 
@@ -18,7 +18,9 @@ from pl_mc.injection import inject
 from pl_mc.input_errors import InputError
 from pl_mc.receiver import read_receiver_series, read_truth
 from pl_mc.report.findings import Findings, Table
+from pl_mc.runtime.progress import progress_bar
 from pl_mc.studies.observe.claims import read_all
+from pl_mc.studies.observe.course import course_table
 from pl_mc.studies.observe.figures import error_figure
 from pl_mc.studies.observe.record import ObserveExperiment
 from pl_mc.studies.observe.sky_figures import all_pictures
@@ -30,9 +32,17 @@ from pl_mc.studies.study import Check, Work, refuse
 # A day with an epoch every 30 s takes less than a series of it, which is solved 42 times [s].
 _SECONDS_A_DAY = 1.2
 
+# Of the progress that is shown: files, methods, counts, figures.
+_STEPS = 4
+
 
 def run(experiment: ObserveExperiment, execution: Execution) -> Findings:
     """Every epoch by every method, and the errors over the epochs."""
+    with progress_bar(total=_STEPS, what="Read, solve, count, draw", show=execution.progress) as advance:
+        return _run(experiment, advance)
+
+
+def _run(experiment: ObserveExperiment, advance: Callable[[], None]) -> Findings:
     files = experiment.input_files()
     truth = read_truth(str(files["truth"]) if experiment.has_track() else experiment.truth)
     series = read_receiver_series(
@@ -41,15 +51,18 @@ def run(experiment: ObserveExperiment, execution: Execution) -> Findings:
         ionosphere=experiment.ionosphere, snr_dbhz=experiment.snr_dbhz,
         ionex=_of(files, "ionex") or None,
     )  # fmt: skip
+    advance()
     g = series.geometry
     _require_solution(experiment, g, series.notes)
     injected = Faults.joined([no_fault(g), *(biases(g, text) for text in experiment.faults)])
-    errors_m, faulted, notes = inject(g, series.errors_m, injected, numbers_of_draw(g, seed=experiment.seed))
+    numbers = numbers_of_draw(g, seed=experiment.seed) if injected.drawn.any() else None
+    errors_m, faulted, notes = inject(g, series.errors_m, injected, numbers)
     judged = experiment.decides
     table = solve(
         g, errors_m, methods=experiment.method_records(), alert=judged.alert, axis=judged.axis,
         precision=experiment.precision, tests=True,
     )  # fmt: skip
+    advance()
     claims = read_all(_of(files, "claims"), g, truth)
     rows = [part for one in claims for part in one.rows(g, judged, experiment.claim_multiplier)]
     table = pd.concat([table.assign(faulted=table.epoch.map(pd.Series(faulted, index=g.epoch))), *rows])
@@ -58,15 +71,17 @@ def run(experiment: ObserveExperiment, execution: Execution) -> Findings:
     table.insert(1, "time", gps_dates(table.pop("time_gps_s")))
     stanford = stanford_table(table, judged.alert)
     coverage = pd.DataFrame([row for one in claims for row in one.coverage(g)])
+    advance()
     errors = series.residuals()
     pictures = all_pictures(g, table, stanford, errors, series.truth_m, judged, experiment.title)
+    advance()
     del table["rejected"]
     experiment.with_axis(table)
     counted = [Table("stanford", stanford), *([Table("coverage", coverage)] if len(coverage) else [])]
     residuals = [Table("residuals", errors, stored="parquet")] if experiment.residuals else []
     return Findings(
         summary=summary(experiment, table, injected, series.signals, claims, stanford, coverage),
-        tables=(Table("epochs", table, stored="both"), *counted, *residuals),
+        tables=(Table("epochs", table, stored="both"), course_table(table), *counted, *residuals),
         pictures=(error_figure(table, judged=judged, title=experiment.title), *pictures),
         notes=(*truth.notes, *series.notes, *notes, *(note for one in claims for note in one.notes)),
     )

@@ -137,7 +137,7 @@ def track_figure(table: pd.DataFrame, truth_m: np.ndarray, *, title: str) -> Fig
 
 
 @picture(
-    "sky", "Where the satellites were, and the error of each without its system's clock, at a tenth of the epochs."
+    "sky", "Where the satellites were, and the error of each without its system's clock; of many points every nth."
 )
 def sky_figure(residuals: pd.DataFrame, azimuth_deg: np.ndarray, *, title: str) -> Figure:
     """A sky plot coloured by the error, and the error over elevation beside it."""
@@ -255,12 +255,11 @@ def azimuths_deg(g: Geometry, residuals: pd.DataFrame) -> np.ndarray:
     """(k,), azimuths of the rows of residuals of a series [deg]."""
     east, north = -g.design[..., 0], -g.design[..., 1]
     azimuth = np.degrees(np.arctan2(east, north)) % 360.0
-    place = {name: k for k, name in enumerate(g.names)}
     by_name = np.full((len(g.epoch), len(g.names)), np.nan)
     row, column = np.nonzero(g.in_view)
     by_name[row, g.satellite[row, column]] = azimuth[row, column]
     epoch = np.searchsorted(g.epoch, residuals.epoch)
-    return by_name[epoch, [place[name] for name in residuals.satellite]]
+    return by_name[epoch, pd.Index(g.names).get_indexer(residuals.satellite)]
 
 
 def all_pictures(

@@ -121,8 +121,9 @@ def _rate(seen: pd.Series, independent: float) -> str:
 
 
 def _share(seen: pd.Series, independent: float) -> str:
-    """``3 of 200 (1.5 % [0.2, 5.3])``."""
-    return f"{int(seen.sum())} of {len(seen):,} ({_rate(seen, independent)})" if len(seen) else "0 of 0"
+    """``3 of 200 (1.5 % [0.2, 5.3])``, ``0 of 200 (< 1.5 %)``."""
+    bounded_rate = _rate(seen, independent).removeprefix("0 (").removeprefix("all (").removesuffix(")")
+    return f"{int(seen.sum())} of {len(seen):,} ({bounded_rate})" if len(seen) else "0 of 0"
 
 
 def _claimed(
