@@ -70,7 +70,8 @@ def test_sound_files_are_read(tmp_path: Path) -> None:
         path = tmp_path / f"sound{subject.suffix}"
         path.write_bytes(subject.content)
         read = subject.read(path)
-        assert read.notes == ()
+        # What a solution file holds is told of every one.
+        assert [note for note in read.notes if not note.endswith("of RTKLIB's form.")] == []
         assert bool(read.numbers) == (subject.tolerance is not None)
     for call in calls().values():
         call.function(**call.arguments)

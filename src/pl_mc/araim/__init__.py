@@ -1,7 +1,6 @@
 """ARAIM: protection levels and tests by multiple-hypothesis solution separation."""
 
 from pl_mc.araim.budget import LPV_200, LPV_200_V42, RNP_V42, Budget
-from pl_mc.araim.exposure_modes import exposure_modes
 from pl_mc.araim.levels import protection_levels
 from pl_mc.araim.modes import FaultModes, fault_modes
 from pl_mc.araim.record import AraimLevels, PositionLevels
@@ -16,7 +15,6 @@ __all__ = [
     "FaultModes",
     "Ism",
     "PositionLevels",
-    "exposure_modes",
     "fault_modes",
     "protection_levels",
 ]
