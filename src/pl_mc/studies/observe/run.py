@@ -44,7 +44,8 @@ def run(experiment: ObserveExperiment, execution: Execution) -> Findings:
     g = series.geometry
     _require_solution(experiment, g, series.notes)
     injected = Faults.joined([no_fault(g), *(biases(g, text) for text in experiment.faults)])
-    errors_m, faulted, notes = inject(g, series.errors_m, injected, numbers_of_draw(g, seed=experiment.seed))
+    numbers = numbers_of_draw(g, seed=experiment.seed) if injected.drawn.any() else None
+    errors_m, faulted, notes = inject(g, series.errors_m, injected, numbers)
     judged = experiment.decides
     table = solve(
         g, errors_m, methods=experiment.method_records(), alert=judged.alert, axis=judged.axis,
