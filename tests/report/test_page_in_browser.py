@@ -12,6 +12,8 @@ from pl_mc.experiments.reading import write_comparison
 from pl_mc.report.page import write_page
 from pl_mc.report.run_folder import read_run_folder
 
+pytestmark = pytest.mark.drawn
+
 LOOK = """
 out.inner = innerWidth; out.wide = document.documentElement.scrollWidth;
 out.requests = performance.getEntriesByType('resource').map((one) => one.name);
