@@ -7,6 +7,7 @@ import importlib
 import importlib.util
 import os
 import shutil
+import sys
 import tempfile
 from pathlib import Path
 from typing import Any
@@ -23,8 +24,8 @@ from hypothesis import HealthCheck, settings
 # kernels and methods are strict about the promotion of types as well.
 jax.config.update("jax_enable_x64", True)
 
-# Processes that tests start run the same few programs again and again: each is compiled once a run. JAX has read its
-# settings by now, so that this process itself goes without.
+# Files of tests run the same programs again and again, and so do processes that they start, some of which are killed as
+# they write: each is compiled once by the ones and once by the others.
 CACHE_VARIABLE = "PL_MC_TEST_CACHE"
 if CACHE_VARIABLE not in os.environ:
     os.environ[CACHE_VARIABLE] = OWN_CACHE = tempfile.mkdtemp(prefix="pl_mc_tests_")
@@ -32,6 +33,32 @@ else:
     OWN_CACHE = ""
 os.environ["JAX_COMPILATION_CACHE_DIR"] = os.environ[CACHE_VARIABLE]
 os.environ["JAX_PERSISTENT_CACHE_MIN_COMPILE_TIME_SECS"] = "0.2"
+
+
+def share_programs(folder: Path) -> None:
+    """Programs of this process and of those beside it in a folder, where they are moved when they are whole.
+
+    JAX writes them in place, and another process that reads one in that moment warns. What stores them is no public
+    name; where it has gone, each file of tests compiles for itself.
+    """
+    found = importlib.util.find_spec("jax._src.lru_cache")
+    cache = getattr(importlib.import_module("jax._src.lru_cache"), "LRUCache", None) if found else None
+    put = getattr(cache, "put", None)
+    if cache is None or put is None:
+        return
+
+    def whole(self: Any, key: str, value: bytes) -> None:
+        own = cache(str(folder / str(os.getpid())), max_size=-1)
+        put(own, key, value)
+        for file in own.path.iterdir():
+            file.replace(self.path / file.name)
+
+    cache.put = whole
+    jax.config.update("jax_compilation_cache_dir", str(folder))
+    jax.config.update("jax_persistent_cache_min_compile_time_secs", 0.1)
+
+
+share_programs(Path(os.environ[CACHE_VARIABLE], "tests"))
 
 # A first example compiles, the others do not: neither a deadline nor a health check of the time means anything.
 # A run of the suite is the same every time; PL_MC_TEST_EXAMPLES=new looks elsewhere.
@@ -59,16 +86,17 @@ def data_folder() -> Path:
 
 # Most of the time of a full compilation of the suite is the compiler's. Its quick way takes a seventh of that and
 # makes code that runs four times as long, the middle one half of it and runs as fast (JAX 0.10, IGG-III); last bits
-# may differ. A file or a test says which way is its own: the quick one unless marked, ``counting`` where it runs
+# may differ. A file or a test says which way is its own: the ``quick`` one unless marked, ``counting`` where it runs
 # long, ``optimised``, as users compile, where it is about bits, precision or speed or has processes of its own. The
-# variable takes one of them for all.
+# variable takes one of them for all. A function is compiled in one piece: pieces are for more cores than one.
+SIMPLE = {"xla_cpu_use_fusion_emitters": False, "xla_cpu_parallel_codegen_split_count": 1}
 WAYS: dict[str, dict[str, Any]] = {
-    "quick": {"xla_backend_optimization_level": 0, "xla_cpu_use_fusion_emitters": False},
-    "counting": {"xla_backend_optimization_level": 1, "xla_cpu_use_fusion_emitters": False},
+    "quick": {"xla_backend_optimization_level": 0, **SIMPLE},
+    "counting": {"xla_backend_optimization_level": 1, **SIMPLE},
     "optimised": {},
 }
 WAY_VARIABLE = "PL_MC_TEST_COMPILER"
-QUICK, *OTHERS = WAYS
+QUICK = next(iter(WAYS))
 
 
 class Compilation:
@@ -104,13 +132,58 @@ COMPILATION = Compilation()
 
 def way_of(item: pytest.Item) -> str:
     """How a test is compiled."""
-    marked = [mark.name for mark in item.iter_markers() if mark.name in OTHERS]
+    marked = [mark.name for mark in item.iter_markers() if mark.name in WAYS]
     return os.environ.get(WAY_VARIABLE) or next(iter(marked), QUICK)
 
 
 @pytest.hookimpl(tryfirst=True)
 def pytest_runtest_setup(item: pytest.Item) -> None:
     COMPILATION.choose(item.path, way_of(item))
+    DRAWING.choose(item.path, item.get_closest_marker("drawn") is not None)
+
+
+class Drawing:
+    """Figures that runs write: in each file of tests the first that says something is rendered, the others are copies.
+
+    A figure is known by its name and by the titles, axes and curves in it. Rendering took a third of the tests of
+    experiments, nearly all of which look at tables. Where files of figures are looked at or compared, or all words of
+    a figure, tests are marked ``drawn``, and every figure is rendered.
+    """
+
+    def __init__(self) -> None:
+        self.file: Path | None = None
+        self.always = True
+        self.render: Any = None
+        self.known: dict[Any, dict[str, bytes]] = {}
+
+    def choose(self, file: Path, always: bool) -> None:
+        if file != self.file:
+            self.file, self.known = file, {}
+        self.always = always
+        files = sys.modules.get("pl_mc.report.files")
+        if files is not None and self.render is None:
+            self.render, files.save_figure = files.save_figure, self.save  # type: ignore[attr-defined]
+
+    def save(self, figure: Any, folder: Path, name: str) -> str:
+        said = tuple(
+            (axes.get_title(loc=side), axes.get_xlabel(), axes.get_ylabel(), axes.get_xscale(), axes.get_yscale(),
+             *axes.get_legend_handles_labels()[1])
+            for axes in figure.axes for side in ("left", "center")
+        )  # fmt: skip
+        # What could not be drawn has no axes.
+        known = self.known.get((name, said)) if said and not self.always else None
+        if known is None:
+            why = str(self.render(figure, folder, name))
+            if not why:
+                files = [folder / f"{name}.{ending}" for ending in ("svg", "png")]
+                self.known[name, said] = {file.name: file.read_bytes() for file in files}
+            return why
+        for file, content in known.items():
+            (folder / file).write_bytes(content)
+        return ""
+
+
+DRAWING = Drawing()
 
 
 # Files by how long they take, longest first: what comes last should be short, so that no process waits for another.

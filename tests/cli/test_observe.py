@@ -2,9 +2,13 @@
 
 from __future__ import annotations
 
+import copy
 import json
+import os
 import re
+from collections.abc import Iterator
 from pathlib import Path
+from typing import Any
 
 import matplotlib.dates as mdates
 import numpy as np
@@ -16,11 +20,31 @@ from pl_mc.alert import LPV_200, Judged
 from pl_mc.cli.main import main
 from pl_mc.experiments.checking import check_experiment
 from pl_mc.experiments.loading import build_experiment
+from pl_mc.receiver import rinex
 from pl_mc.report.run_folder import read_run_folder
 from pl_mc.studies.observe import STUDY
 from pl_mc.studies.observe.run import error_figure
 
 ESBC_TRUTH = "3582104.8991,532590.1966,5232755.2961"
+
+
+@pytest.fixture(scope="module", autouse=True)
+def read_once() -> Iterator[None]:
+    """A day of a real receiver is read once with the same options, which takes a second: tests/receiver is about it."""
+    read, known = rinex._read_one, {}
+
+    def once(observation_path: Any, *others: Any, **options: Any) -> Any:
+        # Files that a test writes are others under the same name.
+        if not str(observation_path).startswith(os.environ.get("PL_MC_DATA", "\0")):
+            return read(observation_path, *others, **options)
+        key = repr((observation_path, others, options))
+        if key not in known:
+            known[key] = read(observation_path, *others, **options)
+        return copy.deepcopy(known[key])
+
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(rinex, "_read_one", once)
+        yield
 
 
 @pytest.fixture
@@ -318,6 +342,7 @@ def test_what_is_no_fault_of_a_receiver(
     assert words in capsys.readouterr().err
 
 
+@pytest.mark.drawn
 @pytest.mark.parametrize(
     ("options", "axis", "present", "absent"),
     [

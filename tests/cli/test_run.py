@@ -82,6 +82,7 @@ def test_a_run_leaves_tables_figures_summary_and_manifest(folder: Path, capsys: 
     assert [path.name for path in (folder / "runs").iterdir()] == ["small"]
 
 
+@pytest.mark.drawn
 def test_the_manifest_redoes_the_run_to_the_byte(folder: Path) -> None:
     main(["run", "small.toml", "--out", "first", "--draws", "150", "--seed", "9"])
     manifest = json.loads((folder / "first" / "manifest.json").read_text())

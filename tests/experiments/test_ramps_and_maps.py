@@ -163,6 +163,7 @@ def test_a_run_of_the_study_writes_nothing_but_its_parts(
     assert STUDY.answer(read, experiment) == STUDY.answer(findings.data, experiment)
 
 
+@pytest.mark.drawn
 @pytest.mark.parametrize(("former", "view"), [("satellite_ramps", "satellites"), ("map", "map")])
 def test_what_was_begun_under_a_former_kind_goes_on(former: str, view: str, tmp_path: Path) -> None:
     """Its manifest runs, its unfinished folder is resumed and its shares are merged, with the same results."""

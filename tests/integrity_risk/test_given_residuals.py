@@ -51,7 +51,7 @@ def test_least_squares_has_its_exact_rates(axis) -> None:
     compared = 0
     for k in (0.5, 2.0, 4.0):
         chance = drawn.beyond(k / getattr(Ls(), f"k_{axis}"), parts)
-        expected = exact_rates(G, faults, Ls(), LPV_200, k, axis)["exceeded_rate"].to_numpy()
+        expected = exact_rates(G, faults, Ls(), LPV_200, k, axis, "exceeded")
         error = chance.std(axis=1, ddof=1) / np.sqrt(chance.shape[1])
         # Where few draws carry the mean its error is not known.
         known = chance.sum(axis=1) ** 2 > 50 * (chance**2).sum(axis=1)
@@ -71,6 +71,7 @@ def test_rare_events_of_least_squares() -> None:
         assert error < 0.2 * target
 
 
+@pytest.mark.quick
 @pytest.mark.parametrize("name", sorted(METHODS))
 def test_every_method_follows_a_shift_of_its_observations(name) -> None:
     """What all of this rests on: a shift along the model moves position and nothing else."""
@@ -133,7 +134,7 @@ def test_single_faults_are_the_worst_of_their_sizes() -> None:
     for row in range(len(G.names)):
         bias_m = np.zeros((sizes.size, len(G.names)))
         bias_m[:, row] = sizes
-        rates = exact_rates(G, Faults.from_array(G, bias_m), Ls(), LPV_200, k)["exceeded_rate"]
+        rates = exact_rates(G, Faults.from_array(G, bias_m), Ls(), LPV_200, k, "vertical", "exceeded")
         worst += 1e-5 * float(rates.max())
     np.testing.assert_allclose(found.single, worst, rtol=0.1)
 

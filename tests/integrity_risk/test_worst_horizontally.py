@@ -12,6 +12,7 @@ import pl_mc
 from pl_mc.alert import HORIZONTAL, AlertLimits
 from pl_mc.faults import Faults
 from pl_mc.statistics import ls_rates
+from pl_mc.statistics.exact import LeastSquaresLaw
 
 NEAR = AlertLimits("near", horizontal_m=4.0)
 
@@ -24,7 +25,8 @@ def sky() -> pl_mc.Geometry:
 def rates_of(g: pl_mc.Geometry, name: str, sizes_m: np.ndarray, alert: AlertLimits, event: str) -> np.ndarray:
     bias = np.zeros((len(sizes_m), len(g.names)))
     bias[:, g.names.index(name)] = sizes_m
-    return ls_rates(g, Faults.from_array(g, bias), alert=alert, axis="horizontal")[f"{event}_rate"].to_numpy()
+    rates = LeastSquaresLaw().rates(g, Faults.from_array(g, bias), alert, "horizontal", exceeded=False)
+    return rates[f"{event}_rate"].to_numpy()
 
 
 @pytest.mark.parametrize("event", ["missed", "misleading"])

@@ -167,7 +167,8 @@ def test_types_are_kept(dtype):
 
 @pytest.mark.optimised
 def test_single_precision_is_close_to_double():
-    design, sigma, observed = scenario(50)
+    # The lanes of the test of neighbours, so that the programs are those.
+    design, sigma, observed = scenario(256)
     double = jax.jit(levels_of)(design, sigma, observed)[1]
     single = jax.jit(levels_of)(*(x.astype(np.float32) for x in (design, sigma, observed)))[1]
     # Rounding 6e-8 over residuals of up to 40 sigma, amplified by a normal matrix of condition 1e2: below 1e-3.

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import functools
+import itertools
 
 import jax
 import numpy as np
@@ -88,20 +89,20 @@ def test_the_order_of_the_satellites_is_no_matter(counts, seed, single):
         assert odd.sum() <= (LANES // 16 if single else 0), (of.name, moved.max())
 
 
-@pytest.mark.parametrize("iterations", [10, 20, 40, None])
-def test_a_fault_on_one_of_two_is_solved_alike_in_any_order(iterations):
+def test_a_fault_on_one_of_two_is_solved_alike_in_any_order():
     a, s = two_satellites()
     seen = np.random.default_rng(1).standard_normal((2_000, 9)) * s
     seen[:, 8] -= 3.12
     order = np.r_[8, 7, np.arange(7)]
-    methods = (Igg3(iterations=iterations), Tukey(iterations=iterations), Huber(iterations=iterations), MM())
+    many = [(Igg3(iterations=k), Tukey(iterations=k), Huber(iterations=k)) for k in (10, 20, 40, None)]
+    methods = (*itertools.chain(*many), MM())
     here, there = solved(a, s, seen.T, methods), solved(a[order], s[order], seen.T[order], methods)
-    for one, other in zip(here, there, strict=True):
-        np.testing.assert_array_equal(one.available, other.available)
+    for of, one, other in zip(methods, here, there, strict=True):
+        np.testing.assert_array_equal(one.available, other.available, str(of))
         ok = np.asarray(one.available)
-        np.testing.assert_allclose(one.error_m[:, ok], other.error_m[:, ok], atol=1e-6)
-        np.testing.assert_array_equal(one.tied, other.tied)
-    assert here[0].tied.sum() > 200
+        np.testing.assert_allclose(one.error_m[:, ok], other.error_m[:, ok], atol=1e-6, err_msg=str(of))
+        np.testing.assert_array_equal(one.tied, other.tied, str(of))
+        assert not isinstance(of, Igg3) or one.tied.sum() > 200
 
 
 @pytest.mark.counting

@@ -38,6 +38,8 @@ from pl_mc.report.findings import Findings, Table
 from pl_mc.report.page import page_of_run
 from pl_mc.report.run_folder import read_run_folder
 
+pytestmark = pytest.mark.drawn
+
 SMALL_STANFORD = {
     "kind": "stanford",
     "title": "A <b>diagram</b> of 1 & 2",

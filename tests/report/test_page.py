@@ -26,6 +26,8 @@ from pl_mc.studies import sweep
 from pl_mc.studies.registry import KINDS, study_of
 from pl_mc.studies.spec import Experiment
 
+pytestmark = pytest.mark.drawn
+
 RESULTS = Path(__file__).parents[2] / "results"
 STORED = sorted(path.parent for path in RESULTS.glob("*/manifest.json"))
 OUTSIDE = re.compile(r"""(?:src|href)\s*=\s*["'](?!data:|#)([^"']*)|url\(|@import|fetch\(|XMLHttpRequest""")

@@ -17,6 +17,8 @@ from pl_mc.report.page import write_page
 from pl_mc.report.run_folder import read_run_folder
 from pl_mc.studies.observe.course import course_table
 
+pytestmark = pytest.mark.drawn
+
 LOOK = """
 out.inner = innerWidth; out.wide = document.documentElement.scrollWidth;
 out.requests = performance.getEntriesByType('resource').map((one) => one.name);

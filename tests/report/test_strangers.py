@@ -18,6 +18,8 @@ from pl_mc.experiments.reading import remake_page
 from pl_mc.input_errors import InputError
 from pl_mc.report import page
 
+pytestmark = pytest.mark.drawn
+
 RUN = Path(__file__).parents[2] / "results" / "ramp"
 BAIT = "![x](https://a.example/x.png) <img src='https://a.example/y.png'> [z](https://a.example) <https://a.example>"
 

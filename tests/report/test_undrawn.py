@@ -14,6 +14,8 @@ from pl_mc.report.figures import Undrawn, in_common_look, new_figure, save_figur
 from pl_mc.report.files import write_findings
 from pl_mc.report.findings import Findings, Picture, Table, picture
 
+pytestmark = pytest.mark.drawn
+
 TITLES = ["price $x_{$", "$$", r"\frac{1}{0} $\undefined$", "a_b^c", "5 $ and 6 $", "%s {} {{", r"$\mathdefault{10}$"]
 
 

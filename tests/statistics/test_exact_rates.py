@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import dataclasses
+from typing import Literal
 
 import numpy as np
 import pandas as pd
@@ -16,7 +17,7 @@ from pl_mc.faults import Faults, biases, no_fault, ramp
 from pl_mc.geometry.record import Geometry
 from pl_mc.input_errors import InputError
 from pl_mc.statistics import binomial_p_value, chi2_threshold, fault_free_exceeded, ls_quantities, ls_rates
-from pl_mc.statistics.exact import RATE_COLUMNS
+from pl_mc.statistics.exact import RATE_COLUMNS, LeastSquaresLaw
 
 RATES = list(RATE_COLUMNS)
 
@@ -70,6 +71,16 @@ def test_alarm_is_the_noncentral_tail_of_the_protection_level(appendix_d: Geomet
     hazard = error.cdf(-35.0) + error.sf(35.0)
     assert got["hazard_rate"] == pytest.approx(hazard, rel=1e-11)
     assert got["missed_rate"] == pytest.approx(hazard * stats.ncx2.cdf(threshold, 5, spread), rel=1e-10)
+
+
+@pytest.mark.parametrize("axis", ["vertical", "horizontal"])
+def test_what_is_left_out_changes_nothing_else(appendix_d: Geometry, axis: Literal["vertical", "horizontal"]) -> None:
+    law, faults = LeastSquaresLaw(3.0, 4.0), no_fault(appendix_d) + biases(appendix_d, {"G03": 25.0})
+    near = AlertLimits("near", vertical_m=8.0, horizontal_m=6.0)
+    whole = law.rates(appendix_d, faults, near, axis)
+    assert (whole["exceeded_rate"] > whole["misleading_rate"]).all()
+    least = law.rates(appendix_d, faults, near, axis, exceeded=False)
+    pd.testing.assert_frame_equal(least, whole.drop(columns="exceeded_rate"), check_exact=True)
 
 
 def test_fault_free_risk_is_student_whatever_the_limit(day: Geometry) -> None:

@@ -35,7 +35,6 @@ Axis = Literal["vertical", "horizontal", "either"]
 RATE_COLUMNS = ("alarm_rate", "hazard_rate", "missed_rate", "misleading_rate", "exceeded_rate", "false_alarm_rate")
 
 
-@ordinary_arithmetic
 def ls_rates(
     g: Geometry,
     faults: Faults,
@@ -82,6 +81,25 @@ def ls_rates(
     Raises:
         InputError: faults of another geometry, an unknown alarm, a factor or probability outside its range.
     """
+    return _ls_rates(
+        g, faults, alert=alert, axis=axis, k_vertical=k_vertical, k_horizontal=k_horizontal, alarm=alarm, p_fa=p_fa
+    )
+
+
+@ordinary_arithmetic
+def _ls_rates(
+    g: Geometry,
+    faults: Faults,
+    *,
+    alert: str | AlertLimits,
+    axis: Axis | None = None,
+    k_vertical: float = K_VERTICAL,
+    k_horizontal: float = K_HORIZONTAL,
+    alarm: Literal["pl", "chi2"] = "pl",
+    p_fa: float = 1e-3,
+    exceeded: bool = True,
+) -> pd.DataFrame:
+    """`ls_rates`, with or without the column ``exceeded_rate``, which is half of the work of the joint integrals."""
     require_choice(alarm, (PL_ALARM, CHI2_ALARM), field="alarm")
     require_geometry(g)
     require_faults(faults).require_geometry(g)
@@ -116,20 +134,22 @@ def ls_rates(
     upward = k_vertical / np.sqrt(dof)
     if decides == VERTICAL:
         rates[:, available] = error_and_alarm_rates(
-            **shared, slope=upward, shift=effects.vertical_m[available] / vdop_m, limit=alert.val_m / vdop_m
-        )
+            **shared, slope=upward, shift=effects.vertical_m[available] / vdop_m, limit=alert.val_m / vdop_m,
+            above=exceeded,
+        )  # fmt: skip
     else:
         largest_m, ratio, major, minor = horizontal_errors(quantities, effects, available)
         sideways, limit = k_horizontal * hdop_m / (largest_m * np.sqrt(dof)), alert.hal_m / largest_m
         if decides == HORIZONTAL:
             rates[:, available] = length_and_alarm_rates(
-                **shared, slope=sideways, limit=limit, ratio=ratio, major=major, minor=minor
+                **shared, slope=sideways, limit=limit, ratio=ratio, major=major, minor=minor, above=exceeded
             )
         else:
             errors = joint_errors(g, quantities, effects, available)
             joint = joint_either_exceedance(**shared, upward=upward, sideways=sideways, errors=errors)
             rates[:, available] = _together(shared, joint, either_beyond(alert.val_m / vdop_m, limit, errors))
-    return _table(g, faults, effects, rates)
+    table = _table(g, faults, effects, rates)
+    return table if exceeded else table.drop(columns="exceeded_rate")
 
 
 def joint_errors(g: Geometry, quantities: LsQuantities, effects: FaultEffects, rows: NDArray[np.bool_]) -> JointErrors:
@@ -184,9 +204,12 @@ class Law(ABC):
 class LeastSquaresLaw(Law):
     """VPL = k_vertical sqrt(V'PV / (n - t)) VDOP, HPL likewise (Zhao et al. 2021, eqs 4, 12, 14, 16)."""
 
-    def rates(self, g: Geometry, faults: Faults, alert: AlertLimits, axis: Axis = "vertical") -> pd.DataFrame:
+    def rates(
+        self, g: Geometry, faults: Faults, alert: AlertLimits, axis: Axis = "vertical", *, exceeded: bool = True
+    ) -> pd.DataFrame:
+        """As of `Law`; ``exceeded_rate``, which is half of the work, can be left out."""
         given = {f"k_{one}": getattr(self, f"k_{one}") for one in judged_by(axis)}
-        return ls_rates(g, faults, alert=alert, axis=axis, **given)
+        return _ls_rates(g, faults, alert=alert, axis=axis, **given, exceeded=exceeded)
 
 
 @dataclass(frozen=True)
@@ -248,7 +271,7 @@ def _table(g: Geometry, faults: Faults, effects: FaultEffects, rates: FloatArray
 
 def error_and_alarm_rates(
     *, threshold: FloatArray, dof: FloatArray, noncentrality: FloatArray, slope: FloatArray, shift: FloatArray,
-    limit: FloatArray,
+    limit: FloatArray, above: bool = True,
 ) -> FloatArray:  # fmt: skip
     """The rates of `RATE_COLUMNS`, (6, pairs), with everything vertical in units of the error's standard deviation.
 
@@ -259,26 +282,28 @@ def error_and_alarm_rates(
         slope: (pairs,), protection level per sqrt(V'PV).
         shift: (pairs,), mean error.
         limit: (pairs,), alert limit.
+        above: whether errors beyond the level count where there is an alarm as well; without, at half the cost,
+            "exceeded" is what "misleading" is.
     """
     shared = {"threshold": threshold, "dof": dof, "noncentrality": noncentrality}
-    joint = joint_exceedance(threshold, dof, noncentrality, slope, shift)
+    joint = joint_exceedance(threshold, dof, noncentrality, slope, shift, above=above)
     return _together(shared, joint, _normal_tails(limit, shift))
 
 
 def length_and_alarm_rates(
     *, threshold: FloatArray, dof: FloatArray, noncentrality: FloatArray, slope: FloatArray, limit: FloatArray,
-    ratio: FloatArray, major: FloatArray, minor: FloatArray,
+    ratio: FloatArray, major: FloatArray, minor: FloatArray, above: bool = True,
 ) -> FloatArray:  # fmt: skip
     """The rates of `RATE_COLUMNS`, (6, pairs), of the horizontal error, in units of its larger standard deviation.
 
     Args:
-        threshold, dof, noncentrality, slope, limit: (pairs,), as of `error_and_alarm_rates`.
+        threshold, dof, noncentrality, slope, limit, above: as of `error_and_alarm_rates`.
         ratio: (pairs,), the smaller standard deviation of the error over the larger one.
         major, minor: (pairs,), mean error along the two principal axes.
     """
     ratio = np.clip(ratio, LEAST_RATIO, 1.0)
     shared = {"threshold": threshold, "dof": dof, "noncentrality": noncentrality}
-    joint = joint_length_exceedance(threshold, dof, noncentrality, slope, ratio, major, minor)
+    joint = joint_length_exceedance(threshold, dof, noncentrality, slope, ratio, major, minor, above=above)
     return _together(shared, joint, length_beyond(limit, ratio, major, minor))
 
 

@@ -9,6 +9,7 @@ positive and nothing is subtracted, so a probability of 1e-15 (or 1e-100) has th
 
 from __future__ import annotations
 
+import functools
 from collections.abc import Callable
 from itertools import pairwise
 
@@ -69,8 +70,9 @@ def split_at_threshold(threshold: ArrayLike, dof: ArrayLike, noncentrality: Arra
 
 @ordinary_arithmetic
 def joint_exceedance(
-    threshold: ArrayLike, dof: ArrayLike, noncentrality: ArrayLike, slope: ArrayLike, shift: ArrayLike
-) -> tuple[FloatArray, FloatArray]:
+    threshold: ArrayLike, dof: ArrayLike, noncentrality: ArrayLike, slope: ArrayLike, shift: ArrayLike, *,
+    above: bool = True,
+) -> tuple[FloatArray, FloatArray]:  # fmt: skip
     """P(|Z + shift| > slope sqrt(Y)), split into Y <= threshold and Y > threshold.
 
     Z is standard normal and independent of the noncentral chi-square Y. With Y = V'PV, the vertical error over VDOP
@@ -81,6 +83,7 @@ def joint_exceedance(
         threshold, dof, noncentrality: (...), as in `split_at_threshold`.
         slope: (...), positive.
         shift: (...), mean of the error in its standard deviations, any sign.
+        above: whether the second part is computed; it is zero otherwise, at half the cost.
 
     Returns:
         Two arrays (...), relative error below 1e-10 down to 1e-290, where ``shift`` is below 1e5: beyond, the
@@ -94,7 +97,7 @@ def joint_exceedance(
     require_true(
         np.abs(shift) <= MOST_SHIFT, field="shift", rule=f"a number of at most {MOST_SHIFT:g} is needed", of=shift
     )
-    return integrate_both_sides(threshold, dof, noncentrality, _ErrorTail, slope=slope, shift=shift)
+    return integrate_both_sides(threshold, dof, noncentrality, _ErrorTail, above=above, slope=slope, shift=shift)
 
 
 class Tail:
@@ -253,6 +256,7 @@ def integrate(
     return total
 
 
+@functools.cache
 def _composite_rule() -> tuple[FloatArray, FloatArray]:
     """Points and weights on [0, 1]: equal panels, Gauss-Legendre in each."""
     points, weights = special.roots_legendre(_NODES_PER_PANEL)

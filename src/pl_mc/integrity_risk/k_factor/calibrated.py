@@ -75,12 +75,16 @@ ALWAYS_ALARMS = KFactor(0.0, 0.0, 0.0, 0.0, 0.0, 0.0, EXACT, 0)
 
 
 def exact_rates(
-    g: Geometry, faults: Faults, method: Method, alert: AlertLimits, k: float, axis: LevelAxis = "vertical"
-) -> pd.DataFrame:
-    """The rates of `ls_rates` for a method with an exact law and another multiplier ``k``."""
+    g: Geometry, faults: Faults, method: Method, alert: AlertLimits, k: float, axis: LevelAxis, what: str
+) -> FloatArray:
+    """One of the rates of `ls_rates`, "misleading" or another, by fault and epoch, for another multiplier ``k``.
+
+    The method has an exact law.
+    """
     law = exact_law(with_k(method, k, axis))
     assert law is not None
-    return law.rates(g, faults, alert, axis)
+    least = {"exceeded": False} if isinstance(law, LeastSquaresLaw) and what != EXCEEDED else {}
+    return law.rates(g, faults, alert, axis, **least)[f"{what}_rate"].to_numpy()
 
 
 def exact_k_factor(
@@ -97,7 +101,7 @@ def exact_k_factor(
     dof, law = quantities.dof[kept & quantities.available], exact_law(method)
 
     def mean_rate(k: float, what: str) -> float:
-        return float(exact_rates(g, fault, method, alert, k, axis)[f"{what}_rate"].mean())
+        return float(exact_rates(g, fault, method, alert, k, axis, what).mean())
 
     def risk(k: float) -> float:
         return mean_rate(k, event)

@@ -62,7 +62,7 @@ def _neediest_exactly(
     """The fault with the largest risk at a multiplier that keeps the target under every other one."""
     k, best = SMALLEST_FACTOR, 0
     while True:
-        rates = exact_rates(g, faults, method, alert, max(k, SMALLEST_FACTOR), axis)[f"{event}_rate"].to_numpy()
+        rates = exact_rates(g, faults, method, alert, max(k, SMALLEST_FACTOR), axis, event)
         worst = int(rates.argmax())
         if rates[worst] <= target * (1.0 + 1e-6):
             return best

@@ -70,10 +70,8 @@ class Setting:
 
     def exact(self, faults: Faults, event: str, method: Ls, k: float | None = None) -> NDArray[np.float64]:
         """P(event) of least squares under each fault, with another multiplier where one is given."""
-        rates = exact_rates(
-            self.g, faults, method, self.judged.alert, k_of(method, self.axis) if k is None else k, self.axis
-        )
-        return rates[f"{event}_rate"].to_numpy()
+        k = k_of(method, self.axis) if k is None else k
+        return exact_rates(self.g, faults, method, self.judged.alert, k, self.axis, event)
 
 
 def is_exact(method: Method) -> TypeGuard[Ls]:

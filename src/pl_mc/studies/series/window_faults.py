@@ -143,8 +143,9 @@ class GivenFaults(ListedFaults):
 
     def draw(self, g: Geometry, *, seed: int, redraw: int = 0) -> DrawnFaults:
         """The faults with the sizes of one draw; the other arguments are those of `WindowFaults.draw`."""
-        numbers = numbers_of_draw(g, seed=seed, draw=redraw)
-        bias_m, faulted, notes = inject(g, np.zeros(g.sigma_m.shape), self.build(g)[0], numbers)
+        faults, _ = self.build(g)
+        numbers = numbers_of_draw(g, seed=seed, draw=redraw) if faults.drawn.any() else None
+        bias_m, faulted, notes = inject(g, np.zeros(g.sigma_m.shape), faults, numbers)
         if not faulted.any():
             raise InputError("faults.biases: a series needs an epoch with a fault, such as G02:+30m:100-199.")
         place, row = np.nonzero(bias_m)

@@ -141,8 +141,7 @@ def _least_squares(g: Geometry, method: Ls, experiment: TuningExperiment, faults
         row = {"target": target, "tuned_for": "", "method": method.name, "limits": "exact"}
         row |= dict.fromkeys((f"k_{axis}", "k_best", "k_low"), k)
         row |= {"found": "exact", f"{LEVEL[axis]}_m": k * float(dop_m) * mean_error, "alarms": 0, "draws": 0}
-        rates = exact_rates(g, no_fault(g), method, alert, k, axis)
-        alarm = rates["alarm_rate"].iloc[0]
+        (alarm,) = exact_rates(g, no_fault(g), method, alert, k, axis, "alarm")
         row |= dict.fromkeys(("alarm_rate", "alarm_low", "alarm_high"), float(alarm))
         row |= dict.fromkeys(("risk", "risk_low", "risk_high"), float(worst["probability"]))
         rows.append(row | {"risk_fault": worst["fault"], "warning": ""})
