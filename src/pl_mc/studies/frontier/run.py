@@ -146,7 +146,7 @@ def at_geometry(
         finite = free.level_m[plain][free.silent[plain]]
         curve.append({"factor": factor, "level_m": float(k * factor * finite.mean()), "risk": at.analysed})
     stress = _stressed(g, unit, budget, axis, experiment, k, found.analysed, options) if stressed else []
-    besides = [_besides(g, risk, k, kind) for kind in experiment.besides]
+    besides = [row for kind in experiment.besides for row in _besides(g, risk, k, kind)]
     return (
         head
         | {"k": k if scaled else math.nan, "k_low": low, "k_high": high}
@@ -196,16 +196,23 @@ def _stressed(
     ]
 
 
-def _besides(g: Geometry, risk: LevelRisk, k: float, kind: str) -> dict[str, Any]:
-    """The event under faults of several satellites; contributions with the priors of pairs."""
+def _besides(g: Geometry, risk: LevelRisk, k: float, kind: str) -> list[dict[str, Any]]:
+    """The event under faults of several satellites: all pairs, with the sum over their priors, or each constellation."""
     sets, members = sets_of(g, kind, risk.prior.size)
     found = several(risk, k, sets)
-    prior = np.array([risk.prior[list(places)].prod() for places in members]) if kind == PAIRS else np.nan
-    worst = int(found.probability.argmax())
-    return {
-        "faults": kind, "sets": len(sets), "unseen": int(found.unseen.sum()), "probability": found.probability[worst],
-        "error": found.error[worst], "contribution": float(np.sum(prior * found.probability)),
-    }  # fmt: skip
+    if kind == PAIRS:
+        prior = np.array([risk.prior[list(places)].prod() for places in members])
+        parts = [(kind, np.arange(len(sets)), float(prior @ found.probability))]
+    else:
+        parts = [(f"all of {g.systems[places[0]]}", np.array([row]), np.nan) for row, places in enumerate(members)]
+    return [
+        {
+            "faults": faults, "sets": len(rows), "unseen": int(found.unseen[rows].sum()),
+            "probability": found.probability[rows].max(), "error": found.error[rows[found.probability[rows].argmax()]],
+            "contribution": contribution,
+        }
+        for faults, rows, contribution in parts
+    ]  # fmt: skip
 
 
 def over_skies(

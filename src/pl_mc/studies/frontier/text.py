@@ -110,7 +110,7 @@ def summary(
                 [
                     [row.sky, row.method, row.faults, f"{row.sets:,}", f"{row.unseen:,}",
                      f"{number(row.probability)} +- {row.error:.1g}",
-                     "-" if row.faults == "constellations" else number(row.contribution)]
+                     number(row.contribution) if np.isfinite(row.contribution) else "-"]
                     for row in besides.itertuples()
                 ],
             ),
