@@ -197,7 +197,7 @@ def _stressed(
 
 
 def _besides(g: Geometry, risk: LevelRisk, k: float, kind: str) -> list[dict[str, Any]]:
-    """The event under faults of several satellites: all pairs, with the sum over their priors, or each constellation."""
+    """The event under faults of several satellites: pairs, with the sum over their priors, or each constellation."""
     sets, members = sets_of(g, kind, risk.prior.size)
     found = several(risk, k, sets)
     if kind == PAIRS:
