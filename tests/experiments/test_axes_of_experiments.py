@@ -138,8 +138,8 @@ def test_limits_on_the_command_line(tmp_path: Path, monkeypatch: pytest.MonkeyPa
         (("run", "ramp", "--hal", "10", "--axes", "vertical"), "axes: vertical needs a vertical limit"),
         (("run", "ramp", "--hal", "-1"), "alert.horizontal_m: an alert limit is positive"),
         (("run", "guo2022", "--hal", "3"), "--hal: an experiment of the kind guo judges by no alert limit."),
-        (("run", "zhao2021-readings", "--hal", "3"), "alert: own limits has no vertical limit, which decides here"),
-        (("run", "zhao2021-readings", "--axes", "either"), "axes: an experiment of this kind judges by the vertical"),
+        (("run", "zhao2021-readings", "--hal", "3", "--axes", "either"), "axes: either needs a vertical limit"),
+        (("run", "guo2022", "--axes", "either"), "axes: an experiment of this kind judges by the vertical"),
     ],
 )
 def test_what_the_command_line_refuses(
