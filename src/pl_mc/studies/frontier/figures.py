@@ -40,7 +40,7 @@ def frontier_figure(curves: pd.DataFrame, frontier: pd.DataFrame, *, axis: str, 
             if rows.empty:
                 continue
             look = series_style(k, _FURTHER).look | ({"linestyle": "none"} if len(rows) == 1 else {})
-            panel.plot(rows.level_m, np.maximum(rows.risk, 1e-14), **look, linewidth=1.2, markersize=4.5, label=method)
+            panel.plot(rows.level_m, np.maximum(rows.risk, 1e-300), **look, linewidth=1.2, markersize=4.5, label=method)
         allowed = float(here.allowed.mean())
         panel.axhline(allowed, color="0.3", linewidth=1.0, linestyle=(0, (4, 2)), label="allowed")
         panel.set(yscale="log", xlabel=f"mean {axis} level [m]", title=sky)
