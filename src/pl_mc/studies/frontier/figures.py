@@ -21,6 +21,9 @@ _FURTHER = (
     SeriesStyle("#661100", ":", "d"),
 )
 
+# Risks below this, zero among them, stand here.
+_LEAST = 1e-40
+
 
 @picture(
     "frontier",
@@ -40,14 +43,14 @@ def frontier_figure(curves: pd.DataFrame, frontier: pd.DataFrame, *, axis: str, 
             if rows.empty:
                 continue
             look = series_style(k, _FURTHER).look | ({"linestyle": "none"} if len(rows) == 1 else {})
-            panel.plot(rows.level_m, np.maximum(rows.risk, 1e-300), **look, linewidth=1.2, markersize=4.5, label=method)
+            panel.plot(rows.level_m, np.maximum(rows.risk, _LEAST), **look, linewidth=1.2, markersize=4.5, label=method)
         allowed = float(here.allowed.mean())
         panel.axhline(allowed, color="0.3", linewidth=1.0, linestyle=(0, (4, 2)), label="allowed")
         panel.set(yscale="log", xlabel=f"mean {axis} level [m]", title=sky)
         widest = here.level_mean_m[np.isfinite(here.level_mean_m)]
         if len(widest):
             panel.set_xlim(0.6 * widest.min(), min(1.6 * float(widest.median()), 1.1 * float(widest.max())) + 1.0)
-        panel.set_ylim(min([1e-10, *(0.5 * curves.risk)]), 1e-4)
+        panel.set_ylim(max(min([1e-10, *(0.5 * curves.risk)]), 0.5 * _LEAST), 1e-4)
     axes[0].set_ylabel("risk of the analysed modes, per sample")
     legend_below(figure, axes[:1], columns=3, side="center")
     return figure
