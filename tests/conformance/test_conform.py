@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 import os
 import shutil
 import sys
@@ -135,6 +136,32 @@ def test_what_is_not_checked_is_told(tmp_path, capfd):
 def test_sentences(change, words):
     with pytest.raises(pl_mc.InputError, match=words):
         conform(**change)
+
+
+@pytest.mark.parametrize("out", ["table.txt", "nowhere/table.csv", "table"])
+def test_tables_go_where_they_are_asked_for_or_nowhere(tmp_path, capfd, out):
+    with pytest.raises(SystemExit) as caught:
+        main(["conform", "--out", str(tmp_path / out)])
+    assert caught.value.code == 2
+    assert "the name of a CSV file in a folder that is there is needed" in capfd.readouterr().err
+    assert list(tmp_path.iterdir()) == []
+
+
+def test_json_says_what_the_exit_code_says(tmp_path, capfd):
+    """Numbers without their geometry are no pass in either form."""
+    place = folder_of(tmp_path, "add_v31_expected.csv", "sbas_five_satellites.csv", "sbas_five_satellites_expected.csv")
+    with pytest.raises(SystemExit) as caught:
+        main(["conform", "--vectors", str(place), "--json"])
+    assert caught.value.code == 1
+    content = json.loads(capfd.readouterr().out)
+    assert content["passed"] is False
+    assert all(one["passed"] for one in content["sets"])
+    assert len(content["notes"]) == 1
+    with pytest.raises(SystemExit) as caught:
+        main(["conform", "--vectors", str(place), "--json", "--subject", "false"])
+    assert caught.value.code == 1
+    content = json.loads(capfd.readouterr().out)
+    assert {(one["deviation"], one["remark"]) for one in content["sets"]} == {(None, "exit code 1")}
 
 
 def test_a_file_that_is_no_such_table(tmp_path):

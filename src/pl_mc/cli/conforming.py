@@ -2,10 +2,12 @@
 
 from __future__ import annotations
 
+import math
 import sys
 from pathlib import Path
 
 from pl_mc.cli.printing import Json, Quiet, print_json
+from pl_mc.input_errors import InputError
 
 
 def conform(
@@ -33,12 +35,17 @@ def conform(
     from pl_mc.conformance import summary
     from pl_mc.report.files import write_table
 
+    if out is not None and (out.suffix != ".csv" or not out.parent.is_dir()):
+        raise InputError(f"--out: {out}: the name of a CSV file in a folder that is there is needed.")
     table = conformed(subject, vectors)
     if out is not None:
         write_table(table, out.parent, out.stem)
-    passed = len(table) > 0 and bool(table["passed"].all())
+    passed = len(table) > 0 and bool(table["passed"].all()) and not table.attrs["notes"]
     if json:
-        print_json({"sets": table.to_dict("records"), "cases": table.attrs["cases"], "passed": passed})
+        content = {name: table.attrs[name] for name in ("cases", "notes")}
+        # JSON has no infinity, which is how far nothing is from a number.
+        sets = table.astype({"deviation": object}).replace({"deviation": {math.inf: None}})
+        print_json({"sets": sets.to_dict("records"), "passed": passed} | content)
         return 0 if passed else 1
     for note in table.attrs["notes"]:
         print(f"pl-mc: {note}", file=sys.stderr)
@@ -48,4 +55,4 @@ def conform(
             worst = f"{row.worst} off by {row.deviation:.2g} of {row.tolerance:.2g}"
             print(f"{verdict}  {row.set:44s} {row.cases:5d} cases  {row.remark or worst}")
     print(summary(table))
-    return 0 if passed and not table.attrs["notes"] else 1
+    return 0 if passed else 1
