@@ -161,6 +161,7 @@ def test_service_has_the_levels_that_are_predicted():
         ({"standard": "v4"}, "araim: standard: 'v4' is unknown"),
         ({"exclusion": "satellite"}, "araim: exclusion: 'satellite' is unknown"),
         ({"p_fa_chi2": 0.0}, "araim: p_fa_chi2"),
+        ({"p_fa_chi2": 1e-6}, "araim: p_fa_chi2: it has no effect without an exclusion"),
         ({"budget": RNP_V42}, "araim: budget: RNP v4.2 has fields that have no effect in standard 'v3'"),
         ({"standard": "v4.2", "unmonitored": "plain"}, "araim: unmonitored: it belongs to standard 'v3'"),
         ({"standard": "v4.2", "budget": LPV_200_V42}, "araim: ism: with an exposure the rates and durations"),

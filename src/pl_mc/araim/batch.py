@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from pl_mc.araim.budget import Budget
+from pl_mc.araim.budget import RATES_NEEDED, Budget
 from pl_mc.araim.modes import LEAST_PRIOR
 from pl_mc.arrays import FloatArray
 from pl_mc.geometry.record import POSITION_UNKNOWNS, SYSTEM_NAMES, as_mask
@@ -186,10 +186,7 @@ def _over_time(
     rates, by_letter, b_acc = np.zeros(letters.shape), dict.fromkeys(present, 0.0), np.zeros(letters.shape)
     if budget.exposure_h > 0:
         if said is None:
-            raise InputError(
-                "ism: with an exposure the rates and durations of faults are needed, which an ISM has (r_sat_per_h, "
-                "mfd_sat_h, r_const_per_h, mfd_const_h; nearest: a budget without exposure_h)."
-            )
+            raise InputError(RATES_NEEDED)
         rates = said.of("r_sat_per_h")
         by_letter = dict(zip(present, said.ism.values("r_const_per_h", present, present).tolist(), strict=True))
     if said is not None and said.ism.has("b_acc_m"):

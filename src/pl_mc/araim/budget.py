@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 from pl_mc.input_errors import InputError, require_choice, require_number, require_positive, shown
@@ -102,14 +102,10 @@ LPV_200 = Budget(
 )
 
 # Settings of the two examples of MAAST for ARAIM, which its authors call the computation of ADD v4.2.
-LPV_200_V42 = Budget(
-    "LPV-200 v4.2",
-    p_hmi_vertical=9.8e-8,
-    p_hmi_horizontal=2e-9,
-    p_fa_vertical=3.9e-6,
-    p_fa_horizontal=9e-8,
+LPV_200_V42 = replace(
+    LPV_200,
+    name="LPV-200 v4.2",
     p_threshold=6e-8,
-    p_emt=1e-5,
     exposure_h=1 / 24,
     samples_integrity=25.0,
     samples_continuity=25.0,
@@ -134,6 +130,16 @@ RNP_V42 = Budget(
     p_exclusion=9e-7,
     sigma_acc_vertical_m=10.0,
     sigma_acc_horizontal_m=60.0,
+)
+
+V3, V42 = "v3", "v4.2"
+STANDARDS = (V3, V42)
+
+# What an ISM has to say where there is an exposure, and the sentence where it does not.
+RATES = ("r_sat_per_h", "r_const_per_h")
+RATES_NEEDED = (
+    "ism: with an exposure the rates and durations of faults are needed, which an ISM has (r_sat_per_h, mfd_sat_h, "
+    "r_const_per_h, mfd_const_h; nearest: a budget without exposure_h)."
 )
 
 BUDGETS = {budget.name: budget for budget in (LPV_200, LPV_200_V42, RNP_V42)}
@@ -162,3 +168,12 @@ def as_budget(given: Any, *, field: str = "budget") -> Budget:
         if key not in given:
             raise InputError(f"{field}: {key} is missing (nearest: the name of a budget, {', '.join(BUDGETS)}).")
     return Budget(**given)
+
+
+def require_standard(standard: Any, budget: Budget, *, of: str = "") -> None:
+    """Raise `InputError` for an unknown standard, or one that would ignore what a budget says; ``of`` begins it."""
+    require_choice(standard, STANDARDS, field=f"{of}standard")
+    if standard == V3 and budget.has_exposure:
+        raise InputError(
+            f"{of}budget: {budget.name} has fields that have no effect in standard 'v3' (nearest: standard='v4.2')."
+        )

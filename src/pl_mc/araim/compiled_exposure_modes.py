@@ -14,12 +14,9 @@ from jax import Array
 
 from pl_mc.araim.budget import Budget
 from pl_mc.araim.compiled_modes import CompiledModes, Priors, members, solvable_modes, three_or_more
-from pl_mc.araim.exposure_modes import ALWAYS_MONITORED
+from pl_mc.araim.exposure_modes import ALWAYS_MONITORED, FEWEST
 from pl_mc.kernels import LinearModel
 from pl_mc.kernels.linear_model import product
-
-# As many satellites as a solution needs at least.
-_FEWEST = 4
 
 
 def compiled_exposure_modes(model: LinearModel, priors: Priors, budget: Budget, *, excludes: bool) -> CompiledModes:
@@ -52,7 +49,7 @@ def compiled_exposure_modes(model: LinearModel, priors: Priors, budget: Budget, 
     chosen = _monitored(spoiled, instant, exposure, stays, three_or_more(p_exposure), seen, budget, excludes)
     left = three_or_more(p_exposure) + jnp.sum(jnp.where(stays & ~chosen, exposure, 0.0))
     merged = merge(CompiledModes(spoiled, jnp.where(chosen, instant, 0.0), left, jnp.where(chosen, exposure, 0.0)))
-    enough = jnp.sum(seen[None] & ~spoiled, axis=1) >= _FEWEST
+    enough = jnp.sum(seen[None] & ~spoiled, axis=1) >= FEWEST
     lost = ~(enough & solvable_modes(spoiled, seen, members(model)))
     over_exposure = jnp.zeros_like(exposure) if merged.exposure is None else merged.exposure
     return CompiledModes(

@@ -19,12 +19,15 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pl_mc.araim.budget import Budget
-from pl_mc.araim.modes import LARGEST_LIST, FaultModes
+from pl_mc.araim.modes import LARGEST_LIST, FaultModes, solvable_modes
 from pl_mc.arrays import FloatArray
 from pl_mc.input_errors import InputError
 
 # Whatever the budget, a mode more probable than this over the exposure has a test.
 ALWAYS_MONITORED = 1e-7
+
+# As many satellites as a solution needs at least, whatever its unknowns.
+FEWEST = 4
 
 LISTED, PROBABLE = "listed", "probable"
 ORDERS = (LISTED, PROBABLE)
@@ -74,7 +77,8 @@ def exposure_modes(
     listed, p_not_monitored = _monitored(every, budget, _options(every, budget, excludes), order)
     merged = _merged(listed)
     merged = merged.at(merged.spoiled.any(axis=1))
-    solvable = solvable_modes(merged.spoiled, letters != "", clocks)
+    seen = letters != ""
+    solvable = solvable_modes(merged.spoiled, seen, clocks) & ((seen & ~merged.spoiled).sum(axis=1) >= FEWEST)
     p_not_monitored += float(merged.exposure[~solvable].sum())
     kept = merged.at(solvable)
     return FaultModes(kept.spoiled, kept.instant, float(every.instant[0]), p_not_monitored, kept.exposure)
@@ -89,15 +93,6 @@ def without_rows(modes: FaultModes, rows: NDArray[np.bool_]) -> FaultModes:
     merged = _merged(Combinations(modes.excluded & ~rows, modes.probability, modes.over_exposure))
     merged = merged.at(merged.spoiled.any(axis=1))
     return FaultModes(merged.spoiled, merged.instant, modes.p_no_fault, modes.p_not_monitored, merged.exposure)
-
-
-def solvable_modes(
-    spoiled: NDArray[np.bool_], in_view: NDArray[np.bool_], clocks: NDArray[np.bool_]
-) -> NDArray[np.bool_]:
-    """(m,), whether at least four satellites are left, and as many as unknowns."""
-    kept = in_view & ~spoiled
-    unknowns = 3 + (kept @ clocks).sum(axis=1)
-    return np.asarray(kept.sum(axis=1) >= np.maximum(unknowns, 4))
 
 
 def _combinations(

@@ -14,7 +14,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from pl_mc.araim.batch import Batch, as_batch
-from pl_mc.araim.budget import LPV_200, LPV_200_V42, Budget, as_budget
+from pl_mc.araim.budget import LPV_200, LPV_200_V42, V3, V42, Budget, as_budget, require_standard
 from pl_mc.araim.exclusion import EXCLUSIONS, candidates, positions_after
 from pl_mc.araim.exposure_modes import LISTED, ORDERS, exposure_modes
 from pl_mc.araim.modes import CONTAINED, UNMONITORED, FaultModes, fault_modes
@@ -23,9 +23,6 @@ from pl_mc.araim.tiles import ADJUSTED, ESTIMATORS, LEAST_SQUARES, Positions, So
 from pl_mc.arrays import FloatArray, ordinary_arithmetic
 from pl_mc.geometry.record import EAST, NORTH, POSITION_UNKNOWNS, UP
 from pl_mc.input_errors import InputError, require_choice, shown
-
-V3, V42 = "v3", "v4.2"
-STANDARDS = (V3, V42)
 
 # Geometries whose positions after an exclusion are solved together, so that memory stays bounded.
 _TOGETHER = 2048
@@ -95,8 +92,8 @@ def protection_levels(
             probability, an ISM that lacks a satellite, or faults so probable that too many combinations would have to
             be monitored.
     """
-    require_choice(standard, STANDARDS, field="standard")
-    budget = (LPV_200 if standard == V3 else LPV_200_V42) if budget is None else as_budget(budget)
+    budget = (LPV_200_V42 if standard == V42 else LPV_200) if budget is None else as_budget(budget)
+    require_standard(standard, budget)
     _require_effect(standard, budget, unmonitored, exclusion, estimator, order, modes)
     batch = as_batch(design, c_int, c_acc, systems, b_nom, p_sat, p_const, budget, in_view, ism, names, noise_m2)
     if modes is not None:
@@ -176,11 +173,9 @@ def _require_effect(
     else:
         for field, given in (
             ("exclusion", exclusion is not None), ("estimator", estimator == ADJUSTED), ("order", order is not None),
-            ("budget", budget.has_exposure),
         ):  # fmt: skip
             if given:
-                what = f"{budget.name} has fields that have" if field == "budget" else "it has"
-                raise InputError(f"{field}: {what} no effect in standard 'v3' (nearest: standard='v4.2').")
+                raise InputError(f"{field}: it has no effect in standard 'v3' (nearest: standard='v4.2').")
     if modes is not None and (order is not None or unmonitored is not None):
         raise InputError(f"{'order' if order else 'unmonitored'}: it has no effect where the modes are given.")
 

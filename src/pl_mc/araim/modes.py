@@ -142,7 +142,7 @@ def fault_modes(
             most = float(prior[group[0]])
             if most <= limit and (lost > limit or left() <= limit):
                 break
-            solvable = _solvable(sets[group], in_view, clocks)
+            solvable = solvable_modes(sets[group], in_view, clocks)
             lost += float(prior[group][~solvable].sum())
             wanted = group[solvable & ~(held[group] & (most <= limit))]
             chosen[wanted] = True
@@ -203,7 +203,9 @@ def _events(
     return single, p / (1.0 - p), float(np.prod(1.0 - p))
 
 
-def _solvable(excluded: NDArray[np.bool_], in_view: NDArray[np.bool_], clocks: NDArray[np.bool_]) -> NDArray[np.bool_]:
+def solvable_modes(
+    excluded: NDArray[np.bool_], in_view: NDArray[np.bool_], clocks: NDArray[np.bool_]
+) -> NDArray[np.bool_]:
     """(modes,), whether at least as many satellites as unknowns are left."""
     kept = in_view & ~excluded
     unknowns = 3 + sum((kept & column).any(axis=1).astype(np.intp) for column in clocks.T)

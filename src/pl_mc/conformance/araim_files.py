@@ -37,6 +37,10 @@ _FAULTS = {
     "r_sat_per_h": {"G": 1e-5, "E": 2e-5}, "mfd_sat_h": {"G": 1.0, "E": 1.5},
     "r_const_per_h": {"G": 1e-8, "E": 1e-4}, "mfd_const_h": {"G": 1.0, "E": 2.0},
 }  # fmt: skip
+_V3 = {
+    "kind": "araim", "standard": "v3", "budget": _LPV_200, "b_nom_m": 0.75, "p_sat": 1e-5,
+    "p_const": {"G": 1e-8, "E": 1e-4}, "unmonitored": "contained", "ask": ["levels"],
+}  # fmt: skip
 _V = {"budget": _VERTICAL, "ura_m": {"G": 1.0, "E": 1.0}, "ure_m": {"G": 2 / 3, "E": 2 / 3}, "b_nom_m": 0.75}
 _H = {"budget": _HORIZONTAL, "ura_m": {"G": 2.4, "E": 6.0}, "ure_m": {"G": 2.4, "E": 4.0}, "b_nom_m": 0.0}
 
@@ -158,13 +162,9 @@ def orbits(folder: Folder) -> Iterator[RowSet]:
         folder.read(rows, "case", "system", "sat", "e", "n", "u"),
         folder.reference(file, "case", *LEVELS),
     )
-    task = {
-        "kind": "araim", "standard": "v3", "budget": _LPV_200, "b_nom_m": 0.75, "p_sat": 1e-5,
-        "p_const": {"G": 1e-8, "E": 1e-4}, "unmonitored": "contained", "ask": ["levels"],
-    }  # fmt: skip
     given = {"geometry": _rows(geometry, geometry["sat"], 1.0, 0.25)}
     yield RowSet(
-        "v3 real orbits", file, f"{_MAAST} on public orbits", task, given, levels, ("case",),
+        "v3 real orbits", file, f"{_MAAST} on public orbits", _V3, given, levels, ("case",),
         dict.fromkeys(LEVELS, LENGTH) | {"p_not_monitored": LEFT, "modes": COUNT},
     )  # fmt: skip
     peers = {f"peer_{column}": column for column in LEVELS if f"peer_{column}" in levels}
@@ -173,7 +173,7 @@ def orbits(folder: Folder) -> Iterator[RowSet]:
         tolerances = dict.fromkeys(LEVELS, LENGTH) | {"vpl_m": Tolerance(2.5e-3), "hpl_m": Tolerance(1e-3)}
         theirs = levels[["case", *peers]].rename(columns=peers).dropna()
         yield RowSet(
-            "v3 real orbits, another program", file, "kshana (numbers alone)", task, given, theirs, ("case",),
+            "v3 real orbits, another program", file, "kshana (numbers alone)", _V3, given, theirs, ("case",),
             {column: tolerances[column] for column in peers.values()},
         )  # fmt: skip
 
@@ -187,10 +187,6 @@ def maast_v3(folder: Folder) -> Iterator[RowSet]:
     levels = folder.reference(file, "case", "vpl", "hpl", "emt", "sig_acc_v", "p_not_monitored").rename(
         columns={"vpl": "vpl_m", "hpl": "hpl_m", "emt": "emt_m", "sig_acc_v": "sigma_v_acc_m"}
     )
-    task = {
-        "kind": "araim", "standard": "v3", "budget": _LPV_200, "b_nom_m": 0.75, "p_sat": 1e-5,
-        "p_const": {"G": 1e-8, "E": 1e-4}, "unmonitored": "contained", "ask": ["levels"],
-    }  # fmt: skip
     geometry = geometry.assign(system=geometry["galileo"].map({0: "G", 1: "E"}))
     # Its levels follow v3.0's account of combinations, another one than `contained`, to a few millimetres.
     tolerances = {
@@ -198,7 +194,7 @@ def maast_v3(folder: Folder) -> Iterator[RowSet]:
         "sigma_v_acc_m": Tolerance(1e-5), "p_not_monitored": Tolerance(5.1e-15),
     }  # fmt: skip
     yield RowSet(
-        "v3 MAAST", file, "MAAST for ARAIM, baseline v5 kernel", task,
+        "v3 MAAST", file, "MAAST for ARAIM, baseline v5 kernel", _V3,
         {"geometry": _rows(geometry, geometry["prn"], geometry["c_int_m2"], geometry["c_acc_m2"])}, levels, ("case",),
         tolerances,
     )  # fmt: skip

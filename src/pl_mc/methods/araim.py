@@ -15,11 +15,12 @@ import numpy as np
 from jax import Array
 from numpy.typing import NDArray
 
+from pl_mc.araim.budget import RATES, RATES_NEEDED, V3, V42, require_standard
 from pl_mc.araim.compiled_exposure_modes import compiled_exposure_modes
 from pl_mc.araim.compiled_exposure_modes import without as without_rows
 from pl_mc.araim.compiled_modes import CompiledModes, compiled_modes
 from pl_mc.araim.exclusion import SATELLITES
-from pl_mc.araim.levels import STANDARDS, V3, V42, protection_levels
+from pl_mc.araim.levels import protection_levels
 from pl_mc.araim.modes import CONTAINED
 from pl_mc.araim.risk_equations import Priors, figures, solve_levels
 from pl_mc.araim.solving import Subsets, Whole, fit_subsets
@@ -120,22 +121,18 @@ class Araim(Monitoring):
     def __post_init__(self) -> None:
         super().__post_init__()
         require_positive(self.accuracy_ratio, field="araim: accuracy_ratio")
-        require_choice(self.standard, STANDARDS, field="araim: standard")
         require_choice(self.exclusion, (NONE, SATELLITES), field="araim: exclusion")
+        require_standard(self.standard, self.budget, of="araim: ")
         require_risks("araim", p_fa_chi2=self.p_fa_chi2)
-        if self.standard == V3 and self.budget.has_exposure:
+        if self.exclusion == NONE and self.p_fa_chi2 != type(self).p_fa_chi2:
             raise InputError(
-                f"araim: budget: {self.budget.name} has fields that have no effect in standard 'v3' (nearest: "
-                "standard='v4.2')."
+                "araim: p_fa_chi2: it has no effect without an exclusion (nearest: exclusion='satellites')."
             )
         if self.standard == V42:
             if self.unmonitored != CONTAINED:
                 raise InputError("araim: unmonitored: it belongs to standard 'v3'; 'v4.2' has consolidation.")
-            if self.budget.exposure_h > 0 and (self.ism is None or not self.ism.has("r_sat_per_h")):
-                raise InputError(
-                    "araim: ism: with an exposure the rates and durations of faults are needed, which an ISM has "
-                    "(r_sat_per_h, mfd_sat_h, r_const_per_h, mfd_const_h; nearest: a budget without exposure_h)."
-                )
+            if self.budget.exposure_h > 0 and not (self.ism is not None and all(map(self.ism.has, RATES))):
+                raise InputError(f"araim: {RATES_NEEDED}")
 
     @property
     def levels_from_geometry(self) -> bool:
