@@ -14,7 +14,7 @@ from scipy import special
 
 from pl_mc.arrays import FloatArray, ordinary_arithmetic
 from pl_mc.statistics.length import LengthTail, length_beyond
-from pl_mc.statistics.noncentral import STEP_HALF_WIDTH, Tail, integrate_both_sides
+from pl_mc.statistics.noncentral import NESTED, STEP_HALF_WIDTH, Tail, integrate_both_sides
 
 # Points of the rules along the two horizontal axes, the more the less of the vertical error the horizontal one leaves
 # open (its standard deviation given that one); how far they reach in standard deviations, since a rare vertical error
@@ -68,6 +68,8 @@ def either_beyond(vertical: FloatArray, horizontal: FloatArray, errors: JointErr
 
 class _EitherTail(Tail):
     """Of the vertical error beyond slope r, or the horizontal one beyond sideways r."""
+
+    rule = NESTED
 
     def __init__(
         self, slope: FloatArray, sideways: FloatArray, vertical: FloatArray, ratio: FloatArray, major: FloatArray,

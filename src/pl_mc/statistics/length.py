@@ -17,6 +17,7 @@ from pl_mc.arrays import FloatArray, ordinary_arithmetic
 from pl_mc.input_errors import require_numbers, require_one_shape, require_true
 from pl_mc.statistics.noncentral import (
     MOST_SHIFT,
+    NESTED,
     REACH,
     STEP_HALF_WIDTH,
     Tail,
@@ -98,6 +99,8 @@ def length_beyond(
 class LengthTail(Tail):
     """Of |(Z + major, ratio Z' + minor)|: an integral over the second component, of tails of the first."""
 
+    rule = NESTED
+
     def __init__(self, slope: FloatArray, ratio: FloatArray, major: FloatArray, minor: FloatArray) -> None:
         self.slope, self.ratio, self.major, self.minor = slope, ratio, np.abs(major), np.abs(minor)
         length = np.hypot(major, minor)
@@ -141,7 +144,7 @@ class LengthTail(Tail):
         reach = np.clip(bounds / np.maximum(limit, 1e-100), -1.0, 1.0)
         edges = [-right, *np.arcsin(reach), right]
         with np.errstate(divide="ignore"):
-            return np.log(sum(integrate(log_integrand, low, high) for low, high in pairwise(edges)))
+            return np.log(sum(integrate(log_integrand, low, high, NESTED) for low, high in pairwise(edges)))
 
 
 def _log_within(limit: FloatArray, mean: FloatArray) -> FloatArray:

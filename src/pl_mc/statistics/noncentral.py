@@ -12,6 +12,7 @@ from __future__ import annotations
 import functools
 from collections.abc import Callable
 from itertools import pairwise
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -22,15 +23,10 @@ from pl_mc.input_errors import require_numbers, require_one_shape, require_true
 
 # Beyond this many standard deviations a normal density is below the smallest double.
 REACH = 40.0
-# Parts of an integrand below exp(-_DEPTH) of its largest value are left out: 64 bits and a margin for the grid.
-_DEPTH = 60.0
-_GRID_STEPS = 40
-# Each round narrows a stretch up to 20 times; a few are the rule, many serve a level of millions of VDOPs.
+# Each round narrows a stretch many times; a few are the rule, many serve a level of millions of VDOPs.
 _MOST_ROUNDS = 16
 # Half the width of the step of P(|Z + shift| > slope r), in its own units; outside it is flat or a plain decay.
 STEP_HALF_WIDTH = 9.0
-_PANELS = 8
-_NODES_PER_PANEL = 16
 # Pairs of epoch and fault that are integrated at once: arrays of a few megabytes.
 _BLOCK = 4096
 
@@ -45,6 +41,27 @@ _SERIES_BELOW = 2.0
 _SERIES_TERMS = 14
 _ASYMPTOTIC_ABOVE = 1e4
 _ASYMPTOTIC_TERMS = 12
+
+
+class Rule(NamedTuple):
+    """How an integral is taken.
+
+    Attributes:
+        depth: parts of the integrand below exp(-depth) of its largest value are left out.
+        steps: of the grid that finds them; a round narrows a stretch up to half as many times.
+        panels, nodes: equal panels of what is left, Gauss-Legendre nodes in each.
+    """
+
+    depth: float
+    steps: int
+    panels: int
+    nodes: int
+
+
+# The first for one integral: 64 bits and a margin for the grid. The second where there is one more inside: horizontal
+# rates take 0.3 of the time, with the same errors (400 random problems, from a rule of 12 panels of 20 nodes: 99 % of
+# both below 3e-13, the worst 3e-7 and 6e-7).
+FINE, NESTED = Rule(depth=60.0, steps=40, panels=8, nodes=16), Rule(depth=32.0, steps=16, panels=5, nodes=16)
 
 
 @ordinary_arithmetic
@@ -105,9 +122,11 @@ class Tail:
 
     Attributes:
         steps: values of r (k, rows) in order, between which the tail falls.
+        rule: how integrals over r are taken.
     """
 
     steps: FloatArray
+    rule: Rule = FINE
 
     def __call__(self, root: FloatArray, rows: NDArray[np.bool_]) -> FloatArray:
         """At ``root`` (rows chosen, points)."""
@@ -208,11 +227,11 @@ def integrate_both_sides(
         error = None if tail is None else tail(*others)
         if error is not None:
             edges[1:1] = list(np.clip(error.steps, first, last))
-        log_integrand = _log_integrand(count, offset, error)
+        log_integrand, rule = _log_integrand(count, offset, error), FINE if error is None else error.rule
         for low, high in pairwise(edges):
-            sides[0, block] += integrate(log_integrand, low, np.minimum(limit, high))
+            sides[0, block] += integrate(log_integrand, low, np.minimum(limit, high), rule)
             if above:
-                sides[1, block] += integrate(log_integrand, np.maximum(limit, low), high)
+                sides[1, block] += integrate(log_integrand, np.maximum(limit, low), high, rule)
     first, second = sides.reshape(2, *shape)
     return first, second
 
@@ -230,7 +249,10 @@ def _log_integrand(
 
 
 def integrate(
-    log_integrand: Callable[[FloatArray, NDArray[np.bool_]], FloatArray], first: FloatArray, last: FloatArray
+    log_integrand: Callable[[FloatArray, NDArray[np.bool_]], FloatArray],
+    first: FloatArray,
+    last: FloatArray,
+    rule: Rule,
 ) -> FloatArray:
     """Integral from ``first`` to ``last`` per row; 0 where the stretch is empty."""
     total = np.zeros_like(first)
@@ -241,15 +263,15 @@ def integrate(
     # Again and again the part of the stretch within reach of the largest value, until the rule sees features that
     # are wide in its own units, be it a bell or a steep decay from one end.
     for _ in range(_MOST_ROUNDS):
-        grid = low[:, None] + (high - low)[:, None] * np.linspace(0.0, 1.0, _GRID_STEPS + 1)
+        grid = low[:, None] + (high - low)[:, None] * np.linspace(0.0, 1.0, rule.steps + 1)
         values = log_integrand(grid, rows)
-        held = values > values.max(axis=1, keepdims=True) - _DEPTH
+        held = values > values.max(axis=1, keepdims=True) - rule.depth
         left = np.maximum(held.argmax(axis=1) - 1, 0)
-        right = np.minimum(_GRID_STEPS - held[:, ::-1].argmax(axis=1) + 1, _GRID_STEPS)
+        right = np.minimum(rule.steps - held[:, ::-1].argmax(axis=1) + 1, rule.steps)
         low, high = (np.take_along_axis(grid, at[:, None], axis=1)[:, 0] for at in (left, right))
-        if (right - left > _GRID_STEPS // 2).all():
+        if (right - left > rule.steps // 2).all():
             break
-    points, weights = _composite_rule()
+    points, weights = _composite(rule.panels, rule.nodes)
     width = high - low
     values = log_integrand(low[:, None] + width[:, None] * points, rows)
     total[rows] = width * (np.exp(values) @ weights)
@@ -257,11 +279,11 @@ def integrate(
 
 
 @functools.cache
-def _composite_rule() -> tuple[FloatArray, FloatArray]:
+def _composite(panels: int, nodes: int) -> tuple[FloatArray, FloatArray]:
     """Points and weights on [0, 1]: equal panels, Gauss-Legendre in each."""
-    points, weights = special.roots_legendre(_NODES_PER_PANEL)
-    starts = np.arange(_PANELS)[:, None]
-    return ((starts + (points + 1.0) / 2.0) / _PANELS).reshape(-1), np.tile(weights / (2.0 * _PANELS), _PANELS)
+    points, weights = special.roots_legendre(nodes)
+    starts = np.arange(panels)[:, None]
+    return ((starts + (points + 1.0) / 2.0) / panels).reshape(-1), np.tile(weights / (2.0 * panels), panels)
 
 
 def _require_ranges(threshold: FloatArray, dof: FloatArray, noncentrality: FloatArray) -> None:
