@@ -30,6 +30,10 @@ AITKEN_PERIOD, AITKEN_RATIO, AITKEN_REACH, AITKEN_STEP = 3, 0.95, 0.25, 1e-6
 # the others go on together, a quarter of the lanes at a time, as many quarters as they need.
 SETTLED_STEP, QUARTERS = 1e-3, 4
 
+# Squares of residuals are added in so many parts, one row on another, before a matrix product sums what is left: the
+# product of all rows would have to wait until all squares are written.
+FOLD = 4
+
 # The median absolute value of a standard normal variable is 1 / 1.4826.
 MAD_TO_SIGMA = 1.482602218505602
 
@@ -232,7 +236,7 @@ def _extrapolated(model: LinearModel, lanes: _Lanes, step_before: tuple[Array, .
     factor = jnp.where(moves, whole * jnp.minimum(ratio / (1.0 - ratio), reach), 0.0)
     shift = tuple(one + factor * step for one, step in zip(lanes.iterate.shift, lanes.step, strict=True))
     residuals = _residuals(model, lanes.start, shift)
-    square_sum = product(model.mask_row, lanes.weights * residuals * residuals)[0]
+    square_sum = _weighted_squares(lanes.weights, residuals)
     return replace(lanes, iterate=replace(lanes.iterate, residuals=residuals, shift=shift, square_sum=square_sum))
 
 
@@ -263,7 +267,8 @@ def solve_weighted(
     """
     sums = product(model.products, weights)
     right = product(model.design_rows, weights * start.residuals)
-    normal = sums[:-1]
+    # The last row, the sum of the weights, stays: cutting it off would copy all others.
+    normal = sums
     if relative:
         largest = jnp.max(weights * per_lane(model.in_view, weights), axis=0)
         factor = 1.0 / jnp.where(largest > 0, largest, 1.0)
@@ -278,7 +283,7 @@ def solve_weighted(
             unit = jnp.eye(right.shape[0], COORDINATES, dtype=right.dtype)
             unit = unit.reshape(unit.shape + (1,) * (right.ndim - 1))
             sides = jnp.concatenate([sides, jnp.broadcast_to(unit, unit.shape[:2] + right.shape[1:])], axis=1)
-        solved, regular = eliminate(add_empty(normal, model.empty), sides, model.pivot_floor, model.available)
+        solved, regular = eliminate(add_empty(normal[:-1], model.empty), sides, model.pivot_floor, model.available)
         shift = tuple(solved[:, 0])
         diagonal = tuple(solved[k, 1 + k] for k in range(COORDINATES) if cofactors)
     if relative:
@@ -287,7 +292,7 @@ def solve_weighted(
     iterate = Iterate(
         residuals=residuals,
         shift=shift,
-        square_sum=product(model.mask_row, weights * residuals * residuals)[0],
+        square_sum=_weighted_squares(weights, residuals),
         determined=determined & regular & _enough(model, weights, sums[-1]),
     )
     return iterate, diagonal
@@ -298,6 +303,17 @@ def _residuals(model: LinearModel, start: LeastSquaresSolution, shift: tuple[Arr
     for k, one in enumerate(shift):
         residuals = residuals - per_lane(model.design[:, k], residuals) * one[None]
     return residuals
+
+
+def _weighted_squares(weights: Array, residuals: Array) -> Array:
+    """(...), the sum of w v^2 over the rows; padding has no residual."""
+    squares = weights * residuals * residuals
+    rows = -(-squares.shape[0] // FOLD)
+    padding = rows * FOLD - squares.shape[0]
+    if padding:
+        squares = jnp.pad(squares, [(0, padding), *[(0, 0)] * (squares.ndim - 1)])
+    folded = sum(squares[k * rows : (k + 1) * rows] for k in range(FOLD))
+    return product(jnp.ones((1, rows), squares.dtype), folded)[0]
 
 
 def _enough(model: LinearModel, weights: Array, weight_sum: Array) -> Array:
