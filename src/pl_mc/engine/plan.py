@@ -19,9 +19,10 @@ from pl_mc.engine.calls import Chunk, Cut
 from pl_mc.engine.core import EpochBatch
 from pl_mc.engine.drawn_biases import DrawnBiases
 from pl_mc.faults import Faults
-from pl_mc.geometry.record import POSITION_UNKNOWNS, Geometry
+from pl_mc.geometry.record import Geometry
 from pl_mc.injection import row_biases
 from pl_mc.ism import satellite_codes
+from pl_mc.kernels.linear_model import has_one_clock_per_row
 from pl_mc.kernels.noise import LANES
 
 # Scenarios per call: large enough to hide a call's cost, small enough for a live progress bar and little memory.
@@ -78,8 +79,7 @@ class Plan(Cut):
     @functools.cached_property
     def one_clock_per_row(self) -> bool:
         """Whether no row of the design has more than one clock; all calls take the same way."""
-        clocks = self.geometry.design[self.epochs][..., POSITION_UNKNOWNS:]
-        return bool(((clocks != 0).sum(axis=-1) <= 1).all())
+        return has_one_clock_per_row(self.geometry.design[self.epochs])
 
     def batch(self, chunk: Chunk, dtype: np.dtype) -> EpochBatch:
         """The arrays of one call, made in the precision scope in which it runs.

@@ -10,6 +10,7 @@ from dataclasses import dataclass, field
 
 import jax
 import jax.numpy as jnp
+import numpy as np
 from jax import Array
 
 from pl_mc.kernels.small_matrix import cholesky, inverse_columns, lower_triangle, pivot_floor, solve
@@ -20,6 +21,11 @@ COORDINATES = 3
 
 # A satellite with a smaller redundancy number is not checked by the others: its residual is always zero.
 REDUNDANCY_FLOOR = 1e-10
+
+
+def has_one_clock_per_row(design: np.ndarray) -> bool:
+    """Whether no row of designs (..., n, t) has more than one clock: what `LinearModel.one_clock_per_row` promises."""
+    return bool(((design[..., COORDINATES:] != 0).sum(axis=-1) <= 1).all())
 
 
 def redundancy_floor(dtype: jax.typing.DTypeLike) -> float:

@@ -312,7 +312,9 @@ def _weighted_squares(weights: Array, residuals: Array) -> Array:
     padding = rows * FOLD - squares.shape[0]
     if padding:
         squares = jnp.pad(squares, [(0, padding), *[(0, 0)] * (squares.ndim - 1)])
-    folded = sum(squares[k * rows : (k + 1) * rows] for k in range(FOLD))
+    folded = squares[:rows]
+    for k in range(1, FOLD):
+        folded = folded + squares[k * rows : (k + 1) * rows]
     return product(jnp.ones((1, rows), squares.dtype), folded)[0]
 
 

@@ -26,7 +26,7 @@ from pl_mc.constants import EAST, NORTH, UP
 from pl_mc.engine.core import EpochBatch, prepare_epoch
 from pl_mc.kernels import LeastSquaresSolution, LinearModel
 from pl_mc.kernels.events import sizes_and_levels
-from pl_mc.kernels.linear_model import product
+from pl_mc.kernels.linear_model import has_one_clock_per_row, product
 from pl_mc.kernels.parameters import Trees, as_trees, of_trees
 from pl_mc.kernels.scenarios import each_fault
 from pl_mc.methods import Method
@@ -110,7 +110,7 @@ def pass_plan(
         bias_m=jnp.zeros((len(rows.design), 1, len(rows.names))),
         applies=jnp.ones((len(rows.design), 1), bool),
         epoch=jnp.arange(len(rows.design), dtype=jnp.uint32),
-        one_clock_per_row=bool(((rows.design[..., 3:] != 0).sum(axis=-1) <= 1).all()),
+        one_clock_per_row=has_one_clock_per_row(rows.design),
         satellite=None if rows.codes is None else jnp.broadcast_to(rows.codes, rows.sigma_m.shape),
     )
     models, prepared = _prepare_all(batch, as_trees(methods))

@@ -28,7 +28,7 @@ from pl_mc.geometry.record import Geometry
 from pl_mc.ism import satellite_codes
 from pl_mc.kernels import linear_model, start_from
 from pl_mc.kernels.events import levels_of, unconverged
-from pl_mc.kernels.linear_model import REDUNDANCY_FLOOR, product
+from pl_mc.kernels.linear_model import REDUNDANCY_FLOOR, has_one_clock_per_row, product
 from pl_mc.kernels.parameters import Trees, as_trees, of_trees
 from pl_mc.methods import Method
 from pl_mc.runtime.precision import precision_scope
@@ -150,6 +150,7 @@ def draw(
     lanes = np.pad(noise, ((0, tiles * _TILE - draws), (0, 0))).reshape(tiles, _TILE, n)
     arrays = (parts.design, parts.sigma_m, parts.in_view, parts.satellite)
     methods, components = as_trees((method,)), len(parts.covariance_m2)
+    one_clock = has_one_clock_per_row(parts.design[parts.in_view])
     mean, level = np.empty((faults * tiles, components, _TILE)), np.empty((faults * tiles, _TILE))
     flags = np.empty((2, faults * tiles, _TILE), bool)
     excluded = np.empty((faults * tiles, _TILE), np.int16)
@@ -157,7 +158,7 @@ def draw(
         for start in range(0, faults * tiles, _TILES_PER_CALL):
             case = np.arange(start, min(start + _TILES_PER_CALL, faults * tiles))
             fault, tile = np.divmod(np.resize(case, _TILES_PER_CALL), tiles)
-            found = _solved(*arrays, lanes[tile], bias_m[fault], methods, axis=parts.axis)
+            found = _solved(*arrays, lanes[tile], bias_m[fault], methods, axis=parts.axis, one_clock_per_row=one_clock)
             for whole, values in zip((mean, level, *flags, excluded), found, strict=True):
                 whole[case] = np.asarray(values)[: case.size]
     mean = np.moveaxis(mean.reshape(faults, tiles, components, _TILE), 2, 3)
@@ -168,14 +169,14 @@ def draw(
     return Drawn(mean, level, silent, unsettled, left_out, np.ones(draws) if weight is None else weight)
 
 
-@functools.partial(jax.jit, static_argnames=("axis",))
+@functools.partial(jax.jit, static_argnames=("axis", "one_clock_per_row"))
 def _solved(
     design: Array, sigma_m: Array, in_view: Array, satellite: Array | None, noise: Array, bias_m: Array,
-    methods: Trees, *, axis: str,
+    methods: Trees, *, axis: str, one_clock_per_row: bool,
 ) -> tuple[Array, ...]:  # fmt: skip
     """Of tiles of noise (tiles, lanes, n), each under a bias (tiles, n): (tiles, k, lanes) and (tiles, lanes)."""
     (method,) = of_trees(methods)
-    model = linear_model(design, sigma_m, in_view, satellite=satellite)
+    model = linear_model(design, sigma_m, in_view, one_clock_per_row=one_clock_per_row, satellite=satellite)
     prepared = method.prepare(model)
     components = jnp.asarray((UP,) if axis == VERTICAL else (EAST, NORTH))
 

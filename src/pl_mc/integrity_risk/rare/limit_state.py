@@ -23,6 +23,7 @@ from pl_mc.geometry.record import EAST, NORTH, POSITION_UNKNOWNS, UP, Geometry
 from pl_mc.ism import satellite_codes
 from pl_mc.kernels import linear_model, start_from
 from pl_mc.kernels.events import sizes_and_levels, unconverged
+from pl_mc.kernels.linear_model import has_one_clock_per_row
 from pl_mc.kernels.parameters import Trees, as_trees, of_trees
 from pl_mc.methods.base import Method, Outcome
 from pl_mc.noise_models import GAUSSIAN, NoiseModel
@@ -173,6 +174,7 @@ class EpochState(InCoordinates):
         arrays = (self.design, self.sigma_m, self.in_view, self.satellite, self.bias_m)
         rows, limits_m = self.coordinates.matrix, np.atleast_1d(np.asarray(self.limits_m, np.float64))
         static = {"of": of, "noise_model": noise_model, "axis": self.axis}
+        static["one_clock_per_row"] = has_one_clock_per_row(self.design[self.in_view])
         values, methods = np.empty(len(points)), as_trees((self.method,))
         with precision_scope("float64"):
             for start in range(0, len(points), POINTS_PER_CALL):
@@ -203,14 +205,15 @@ class LimitState(EpochState):
         return self.computed(points, _unconverged, np.int32(0), self.noise) > 0
 
 
-@functools.partial(jax.jit, static_argnames=("of", "noise_model", "axis"))
+@functools.partial(jax.jit, static_argnames=("of", "noise_model", "axis", "one_clock_per_row"))
 def _values(
     design: Array, sigma_m: Array, in_view: Array, satellite: Array | None, bias_m: Array, noise: Array,
     limits_m: Array, event: Array, methods: Trees, *, of: OfOutcome, noise_model: NoiseModel, axis: str,
+    one_clock_per_row: bool,
 ) -> Array:  # fmt: skip
     """(N,), what ``of`` makes of the outcomes of standard normal numbers (N, k n)."""
     (method,) = of_trees(methods)
-    model = linear_model(design, sigma_m, in_view, satellite=satellite)
+    model = linear_model(design, sigma_m, in_view, one_clock_per_row=one_clock_per_row, satellite=satellite)
     prepared = method.prepare(model)
     rows = sigma_m.shape[0]
 

@@ -17,8 +17,8 @@ from pl_mc.arrays import FloatArray
 # Degrees of freedom of the fitted components: tails that forgive a misfit, at a small price where there is none.
 STUDENT_DOF = 8.0
 _ROUNDS = 6
-# Points that are whitened at once: a few megabytes.
-_BLOCK = 1024
+# Points that are whitened at once: they stay in the cache.
+_BLOCK = 256
 
 
 @dataclass(frozen=True)
@@ -56,14 +56,16 @@ class Mixture:
         """(k, N), logarithms of share times density, and squared distances in the scale of each component."""
         k, d = self.mean.shape
         inverse = np.linalg.inv(self.root)
-        # (d, k d): one product whitens the points for every component.
-        whiten = inverse.transpose(2, 0, 1).reshape(d, k * d)
-        offset = np.einsum("kij,kj->ki", inverse, self.mean)
+        # (k d, N): one product whitens the points for every component, and sums over d go along whole rows.
+        whiten = inverse.reshape(k * d, d)
+        offset = np.einsum("kij,kj->ki", inverse, self.mean).reshape(-1, 1)
         distances = np.empty((k, len(points)))
         for start in range(0, len(points), _BLOCK):
             block = slice(start, start + _BLOCK)
-            white = (points[block] @ whiten).reshape(-1, k, d) - offset
-            distances[:, block] = np.einsum("nkd,nkd->kn", white, white)
+            white = whiten @ points[block].T
+            white -= offset
+            white *= white
+            distances[:, block] = white.reshape(k, d, -1).sum(axis=1)
         student = np.isfinite(self.dof)[:, None]
         dof = np.where(student, self.dof[:, None], 1.0)
         tail = np.where(student, (dof + d) / 2.0 * np.log1p(distances / dof), distances / 2.0)

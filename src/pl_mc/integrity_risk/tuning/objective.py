@@ -30,6 +30,7 @@ from pl_mc.arrays import FloatArray
 from pl_mc.integrity_risk.k_factor.error_to_level_ratio import ratio_of
 from pl_mc.kernels import linear_model, start_from
 from pl_mc.kernels.events import levels_of
+from pl_mc.kernels.linear_model import has_one_clock_per_row
 from pl_mc.methods import Igg3
 from pl_mc.runtime.precision import precision_scope
 
@@ -130,6 +131,7 @@ class TuningProblem:
         """(2, N), of ratio and level."""
         found = np.empty((2, len(noise)))
         limits = np.asarray(limits, dtype=np.float64)
+        static = {"axis": self.axis, "one_clock_per_row": has_one_clock_per_row(self.design)}
         with precision_scope("float64"):
             for begin in range(0, len(noise), _CALL):
                 some = noise[begin : begin + _CALL]
@@ -139,7 +141,7 @@ class TuningProblem:
                     self.design, self.sigma_m, bias_m, whole, np.float64(self.limit_m),
                     np.bool_(self.misleading),
                 )  # fmt: skip
-                values = _values(limits, scenario, self.method, axis=self.axis)
+                values = _values(limits, scenario, self.method, **static)
                 found[:, begin : begin + len(some)] = np.asarray(values)[:, : len(some)]
         return found
 
@@ -213,11 +215,11 @@ def cost(objective: str, k: float, log_unit_m: FloatArray, limit_m: float) -> Fl
     return (level > limit_m).astype(float)
 
 
-@functools.partial(jax.jit, static_argnames="axis")
-def _values(limits: Array, scenario: Scenario, method: Igg3, *, axis: str) -> Array:
+@functools.partial(jax.jit, static_argnames=("axis", "one_clock_per_row"))
+def _values(limits: Array, scenario: Scenario, method: Igg3, *, axis: str, one_clock_per_row: bool) -> Array:
     """(2, N), logarithms of the ratio and of the level for a multiplier of one."""
     design, sigma_m, bias_m, noise, limit_m, misleading = scenario
-    model = linear_model(design, sigma_m)
+    model = linear_model(design, sigma_m, one_clock_per_row=one_clock_per_row)
     numbers: dict[str, Any] = {"k0": limits[0], "k1": limits[1], f"k_{axis}": 1.0}
     limited = replace(method, **numbers)
     prepared = limited.prepare(model)
