@@ -77,6 +77,10 @@ def run(
         A Dask scheduler that gives the parts to its workers, `tcp://host:8786`, or `local` or `local:4` for
         processes on this machine; needs the extra `pl_mc[dask]`.
     """
+    from pl_mc.experiments.source_files import read_source
+
+    # What cannot be read is refused before any library is loaded.
+    read_source(experiment)
     from pl_mc.engine import Execution
     from pl_mc.experiments.loading import load_experiment
     from pl_mc.experiments.running import run_experiment, run_shard
