@@ -1,0 +1,57 @@
+"""Pipes whose reader has had enough, as in ``pl-mc list | head -3``: not an error of anybody."""
+
+from __future__ import annotations
+
+import contextlib
+import os
+import select
+import sys
+from collections.abc import Iterator
+from typing import TextIO
+
+# What a shell reports of a program that a closed pipe ended.
+EXIT_CODE = 128 + 13
+
+
+@contextlib.contextmanager
+def quiet_end() -> Iterator[None]:
+    """A scope of all that writes to the standard streams: where nobody reads one any more, the process ends at once.
+
+    It ends with the code 141, as programs do that the signal of a closed pipe ends, and says nothing. Another pipe that
+    breaks, such as one to a worker, is an error as everywhere.
+    """
+    try:
+        try:
+            yield
+        finally:
+            if sys.stdout is not None:
+                sys.stdout.flush()
+    except SystemExit as end:
+        # Pages of help are printed by a library that has met the pipe itself.
+        raise SystemExit(EXIT_CODE if isinstance(end.__context__, BrokenPipeError) else end.code) from None
+    except BrokenPipeError:
+        closed = [stream for stream in (sys.stdout, sys.stderr) if stream is not None and _unread(stream)]
+        if not closed:
+            raise
+        for stream in closed:
+            # What is left in it is flushed once more at the end of Python, which would complain.
+            with open(os.devnull, "w") as nowhere:
+                os.dup2(nowhere.fileno(), stream.fileno())
+        sys.exit(EXIT_CODE)
+
+
+def _unread(stream: TextIO) -> bool:
+    """Whether a stream is a pipe that nobody reads."""
+    try:
+        stream.flush()
+        number = stream.fileno()
+    except BrokenPipeError:
+        return True
+    except (OSError, ValueError):
+        return False
+    if not hasattr(select, "poll"):
+        return False
+    # One that holds nothing back has nothing to flush.
+    waiting = select.poll()
+    waiting.register(number, 0)
+    return any(event & select.POLLERR for _, event in waiting.poll(0))
