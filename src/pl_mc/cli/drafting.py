@@ -7,6 +7,7 @@ from pathlib import Path
 
 from pl_mc.cli.printing import Draws, Flag, Json, Quiet, Seed, Texts, Which, overrides, print_json
 from pl_mc.input_errors import InputError, system_reason
+from pl_mc.runtime.kept_programs import keep_programs
 from pl_mc.runtime.late_imports import late_imports
 
 
@@ -109,6 +110,8 @@ def check(
 
     # What cannot be read is refused before any library is loaded.
     read_source(experiment)
+    if measure:
+        keep_programs()
     with late_imports():
         from pl_mc.experiments.checking import check_experiment
 

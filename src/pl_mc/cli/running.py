@@ -9,6 +9,7 @@ from cyclopts import Parameter
 
 from pl_mc.cli.printing import Count, Draws, Flag, Json, Limit, Output, Progress, Seed, Several, Texts, Which, overrides
 from pl_mc.input_errors import InputError, shown
+from pl_mc.runtime.kept_programs import keep_programs
 
 _DEFAULT = Output()
 
@@ -81,6 +82,7 @@ def run(
 
     # What cannot be read is refused before any library is loaded.
     read_source(experiment)
+    keep_programs()
     from pl_mc.engine import Execution
     from pl_mc.experiments.loading import load_experiment
     from pl_mc.experiments.running import run_experiment, run_shard
@@ -114,6 +116,7 @@ def merge(folders: Annotated[tuple[Path, ...], Several], /, *, out: Path, output
     out
         Results folder.
     """
+    keep_programs()
     from pl_mc.experiments.running import merge as merge_shares
 
     output.show(merge_shares(folders, out, progress=output.bar))
@@ -194,6 +197,7 @@ def observe(
     out
         Results folder; `runs/observe-NAME` unless given. An earlier result there is replaced.
     """
+    keep_programs()
     from pl_mc.engine import Execution
     from pl_mc.experiments.loading import build_experiment
     from pl_mc.experiments.running import run_experiment
