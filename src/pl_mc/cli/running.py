@@ -266,15 +266,14 @@ def bench(
     """
     from json import dumps
 
-    from pl_mc import benchmark
+    from pl_mc.benchmark.run import run_bench
+    from pl_mc.benchmark.scaling import run_scaling, scenario_counts
 
     if scaling is not None:
-        table, text = benchmark.run_scaling(
-            benchmark.scenario_counts(scaling), precision=precision[0], out=out, progress=progress
-        )
+        table, text = run_scaling(scenario_counts(scaling), precision=precision[0], out=out, progress=progress)
         print(table.to_json(orient="records", indent=2) if json else text)
         return
-    record, text = benchmark.run_bench(
+    record, text = run_bench(
         seconds=seconds, precisions=precision, devices=devices, limit=limit, out=out, progress=progress
     )
     print(dumps(record.as_dict(), indent=2, ensure_ascii=False) if json else text)
