@@ -57,6 +57,19 @@ def test_a_run_has_written_all_of_its_results(tmp_path: Path) -> None:
     assert [path.name for path in tmp_path.iterdir()] == ["out"]
 
 
+@pytest.mark.skipif(not Path("/dev/full").exists(), reason="a file that is always full")
+@pytest.mark.parametrize("arguments", [HELP[0], TEXTS[0]])
+def test_a_full_disk_is_told_in_a_sentence(arguments: tuple[str, ...]) -> None:
+    with open("/dev/full", "w") as full:
+        done = subprocess.run(
+            [sys.executable, "-m", "pl_mc.cli.main", *arguments], stdout=full, stderr=subprocess.PIPE, text=True,
+            timeout=240, check=False, env=os.environ | {"PYTHONUNBUFFERED": ""},
+        )  # fmt: skip
+    assert (done.returncode, done.stderr) == (2, "pl-mc: the output cannot be written (no space left on device).\n")
+
+
 def test_another_pipe_that_breaks_is_an_error() -> None:
     with pytest.raises(BrokenPipeError), quiet_end():
         raise BrokenPipeError("the worker is gone")
+    with pytest.raises(FileNotFoundError), quiet_end():
+        raise FileNotFoundError("no such file")

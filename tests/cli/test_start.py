@@ -2,10 +2,14 @@
 
 from __future__ import annotations
 
+import importlib
 import subprocess
 import sys
+from pathlib import Path
 
 import pytest
+
+from pl_mc.runtime import late_imports
 
 HEAVY = (
     "jax",
@@ -104,3 +108,30 @@ else:
 
 def test_libraries_that_waited_are_whole_when_they_are_used() -> None:
     assert loaded(WAITING, "pandas.core", "pyarrow.lib") == {"pandas.core", "pyarrow.lib"}
+
+
+def test_a_library_that_waits_is_loaded_in_its_own_order(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    files = {
+        "large_one/__init__.py": "from .core import Frame\nimport large_one.more\nKNOWN = 1\n"
+        "def __getattr__(name):\n    if name == 'found_late':\n        return 42\n    raise AttributeError(name)\n",
+        "large_one/core.py": "import large_one\nclass Frame: pass\n",
+        "large_one/more.py": "import large_one.core as core\nMORE = core.Frame\n",
+        "large_one/tables.py": "import large_one\nTABLE = large_one.KNOWN\n",
+        "spoilt_one/__init__.py": "raise ImportError('its library is gone')\n",
+    }
+    for name, text in files.items():
+        (tmp_path / name).parent.mkdir(exist_ok=True)
+        (tmp_path / name).write_text(text)
+    monkeypatch.syspath_prepend(tmp_path)
+    monkeypatch.setattr(late_imports, "_LATE", ("large_one", "spoilt_one"))
+    with late_imports.late_imports():
+        tables, spoilt = (importlib.import_module(name) for name in ("large_one.tables", "spoilt_one"))
+        large = importlib.import_module("large_one")
+    assert "large_one.core" not in sys.modules
+    assert (tables.TABLE, large.found_late, large.more.MORE) == (1, 42, large.Frame)
+    assert not hasattr(large, "nothing")
+    for _ in range(2):
+        with pytest.raises(ImportError, match="its library is gone"):
+            spoilt.anything  # noqa: B018
+    for name in [name for name in sys.modules if name.partition(".")[0] in ("large_one", "spoilt_one")]:
+        monkeypatch.delitem(sys.modules, name)

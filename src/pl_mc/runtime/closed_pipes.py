@@ -1,4 +1,4 @@
-"""Pipes whose reader has had enough, as in ``pl-mc list | head -3``: not an error of anybody."""
+"""Output that nobody takes: a reader that has had enough, as in ``pl-mc list | head -3``, is nobody's error."""
 
 from __future__ import annotations
 
@@ -9,6 +9,8 @@ import sys
 from collections.abc import Iterator
 from typing import TextIO
 
+from pl_mc.input_errors import system_reason
+
 # What a shell reports of a program that a closed pipe ended.
 EXIT_CODE = 128 + 13
 
@@ -17,8 +19,9 @@ EXIT_CODE = 128 + 13
 def quiet_end() -> Iterator[None]:
     """A scope of all that writes to the standard streams: where nobody reads one any more, the process ends at once.
 
-    It ends with the code 141, as programs do that the signal of a closed pipe ends, and says nothing. Another pipe that
-    breaks, such as one to a worker, is an error as everywhere.
+    It ends with the code 141, as programs do that the signal of a closed pipe ends, and says nothing; where a file
+    takes no more output, as on a full disk, with a sentence and the code 2. Another pipe that breaks, such as one to a
+    worker, is an error as everywhere.
     """
     try:
         try:
@@ -29,25 +32,28 @@ def quiet_end() -> Iterator[None]:
     except SystemExit as end:
         # Pages of help are printed by a library that has met the pipe itself.
         raise SystemExit(EXIT_CODE if isinstance(end.__context__, BrokenPipeError) else end.code) from None
-    except BrokenPipeError:
-        closed = [stream for stream in (sys.stdout, sys.stderr) if stream is not None and _unread(stream)]
+    except OSError as error:
+        closed = [stream for stream in (sys.stdout, sys.stderr) if stream is not None and _refuses(stream)]
         if not closed:
             raise
         for stream in closed:
             # What is left in it is flushed once more at the end of Python, which would complain.
             with open(os.devnull, "w") as nowhere:
                 os.dup2(nowhere.fileno(), stream.fileno())
-        sys.exit(EXIT_CODE)
+        if isinstance(error, BrokenPipeError):
+            sys.exit(EXIT_CODE)
+        print(f"pl-mc: the output cannot be written ({system_reason(error)}).", file=sys.stderr)
+        sys.exit(2)
 
 
-def _unread(stream: TextIO) -> bool:
-    """Whether a stream is a pipe that nobody reads."""
+def _refuses(stream: TextIO) -> bool:
+    """Whether a stream takes nothing more: a pipe that nobody reads, a file on a full disk."""
     try:
         stream.flush()
         number = stream.fileno()
-    except BrokenPipeError:
+    except OSError:
         return True
-    except (OSError, ValueError):
+    except ValueError:
         return False
     if not hasattr(select, "poll"):
         return False
