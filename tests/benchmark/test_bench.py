@@ -17,14 +17,13 @@ import pandas as pd
 import pytest
 
 import pl_mc
-from pl_mc.benchmark import run_bench, run_scaling, scenario_counts
 from pl_mc.benchmark.accuracy import Disagreement, disagreements, event_rates, overlapping
 from pl_mc.benchmark.batched_numpy import NumpyModel, NumpyOutcome, both_methods, count_events, events_of
 from pl_mc.benchmark.limit import limits
 from pl_mc.benchmark.measure import Contestant, Rate, Ratio, measure
 from pl_mc.benchmark.problem import METHODS, ROBUST, reference_errors_m, reference_faults, reference_geometry
-from pl_mc.benchmark.run import LIMIT, NUMPY, SWEEP, Sizes, _busy_share, _notes
-from pl_mc.benchmark.scaling import scaling_figure
+from pl_mc.benchmark.run import LIMIT, NUMPY, SWEEP, Sizes, _busy_share, _notes, run_bench
+from pl_mc.benchmark.scaling import run_scaling, scaling_figure, scenario_counts
 from pl_mc.engine.plan import SCENARIOS_PER_CALL
 from pl_mc.kernels.events import EVENTS
 from pl_mc.kernels.noise import LANES, epoch_key, unit_noise

@@ -14,7 +14,8 @@ from hypothesis import strategies as st
 from pl_mc.cli.main import main
 from pl_mc.experiments.checking import check_experiment, cost_of, field_lines
 from pl_mc.experiments.field_meanings import meaning, meanings_of
-from pl_mc.experiments.loading import build_experiment, experiment_files, load_experiment
+from pl_mc.experiments.loading import build_experiment, load_experiment
+from pl_mc.experiments.source_files import experiment_files
 from pl_mc.experiments.template import template, template_for
 from pl_mc.input_errors import InputError
 from pl_mc.studies.registry import KINDS

@@ -16,8 +16,9 @@ import pl_mc
 from pl_mc.cli.main import main
 from pl_mc.engine.drawn_biases import numbers_of_draw
 from pl_mc.experiments.checking import check_experiment
-from pl_mc.experiments.loading import build_experiment, experiment_files, load_experiment
+from pl_mc.experiments.loading import build_experiment, load_experiment
 from pl_mc.experiments.running import run_experiment
+from pl_mc.experiments.source_files import experiment_files
 from pl_mc.faults import fault_text, parse_fault
 from pl_mc.injection import inject
 from pl_mc.input_errors import InputError

@@ -10,7 +10,8 @@ import pytest
 from matplotlib.figure import Figure
 from PIL import Image
 
-from pl_mc.report.figures import Undrawn, in_common_look, new_figure, save_figure
+from pl_mc.report.artists import Undrawn
+from pl_mc.report.figures import in_common_look, new_figure, save_figure
 from pl_mc.report.files import write_findings
 from pl_mc.report.findings import Findings, Picture, Table, picture
 

@@ -16,7 +16,7 @@ import numpy as np
 from jax import Array
 from jax.scipy.special import erfc, ndtri
 from numpy.typing import ArrayLike
-from scipy import stats
+from scipy import special
 
 from pl_mc.araim.budget import Budget
 from pl_mc.araim.solving import Subsets, Whole, by_axis
@@ -52,7 +52,7 @@ def figures(budget: Budget, modes: int) -> Figures:
     """The figures of a budget, for up to so many modes."""
     number = np.maximum(np.arange(modes + 1), 1) * budget.samples_continuity
     horizontal, vertical = (
-        stats.norm.isf(p / number) for p in (budget.p_fa_horizontal / 4.0, budget.p_fa_vertical / 2.0)
+        -special.ndtri(p / number) for p in (budget.p_fa_horizontal / 4.0, budget.p_fa_vertical / 2.0)
     )
     return Figures(
         factor=by_axis(horizontal, vertical),

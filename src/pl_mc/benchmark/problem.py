@@ -10,7 +10,7 @@ from pl_mc.faults import Faults
 from pl_mc.geometry.record import Geometry
 from pl_mc.methods import Igg3, Ls
 
-SATELLITES_PER_SYSTEM = 12
+SATELLITES = 24
 FAULTED = "G08"
 MASK_DEG = 10.0
 
@@ -27,9 +27,8 @@ DESCRIPTION = (
 )
 
 
-def reference_geometry() -> Geometry:
-    """One epoch with 12 GPS and 12 BeiDou satellites, spread evenly over the sky above 10 degrees."""
-    n = 2 * SATELLITES_PER_SYSTEM
+def reference_geometry(n: int = SATELLITES) -> Geometry:
+    """One epoch with ``n`` satellites, GPS and BeiDou in turn, spread evenly over the sky above 10 degrees."""
     place = np.arange(n)
     lowest = np.sin(np.radians(MASK_DEG))
     # Steps of equal area in elevation and of the golden angle in azimuth leave neither gap nor cluster.

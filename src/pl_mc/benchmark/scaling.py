@@ -9,11 +9,10 @@ import sys
 import time
 from collections.abc import Sequence
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 import pandas as pd
-from matplotlib.figure import Figure
 
 from pl_mc.benchmark.measure import load_average, processor_name
 from pl_mc.benchmark.problem import reference_faults, reference_geometry
@@ -25,6 +24,9 @@ from pl_mc.report.text import markdown_table
 from pl_mc.runtime.precision import PRECISIONS
 from pl_mc.runtime.progress import with_progress
 from pl_mc.runtime.threads import cores
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
 
 
 def scenario_counts(text: str) -> tuple[int, ...]:

@@ -8,6 +8,7 @@ from pathlib import Path
 
 from pl_mc.cli.printing import Json, Quiet, print_json
 from pl_mc.input_errors import InputError
+from pl_mc.runtime.kept_programs import keep_programs
 
 
 def conform(
@@ -31,6 +32,7 @@ def conform(
     quiet
         Print the last line alone.
     """
+    keep_programs()
     from pl_mc.conformance import conform as conformed
     from pl_mc.conformance import summary
     from pl_mc.report.files import write_table

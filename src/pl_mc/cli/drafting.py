@@ -7,6 +7,8 @@ from pathlib import Path
 
 from pl_mc.cli.printing import Draws, Flag, Json, Quiet, Seed, Texts, Which, overrides, print_json
 from pl_mc.input_errors import InputError, system_reason
+from pl_mc.runtime.kept_programs import keep_programs
+from pl_mc.runtime.late_imports import late_imports
 
 
 def list_experiments(*, json: Json = False, quiet: Quiet = False) -> None:
@@ -21,16 +23,17 @@ def list_experiments(*, json: Json = False, quiet: Quiet = False) -> None:
     quiet
         Print the names alone.
     """
-    from pl_mc.experiments.loading import experiment_files, load_experiment
-    from pl_mc.studies.spec import kind_of
+    from pl_mc.experiments.source_files import experiment_files, read_source
+    from pl_mc.studies.registry import in_todays_words
 
-    records = {name: load_experiment(name)[1] for name in experiment_files()}
+    # As they are written: those of the package are sound.
+    contents = {name: in_todays_words(read_source(name).content) for name in experiment_files()}
     if json:
-        print_json([{"name": name, "kind": kind_of(one), "title": one.title} for name, one in records.items()])
+        print_json([{"name": name} | {key: one[key] for key in ("kind", "title")} for name, one in contents.items()])
         return
-    width = max(map(len, records), default=0)
-    for name, one in records.items():
-        print(name if quiet else f"{name.ljust(width)}  {one.title}")
+    width = max(map(len, contents), default=0)
+    for name, one in contents.items():
+        print(name if quiet else f"{name.ljust(width)}  {one['title']}")
 
 
 def init(which: str = "sweep", /, *, out: Path | None = None) -> None:
@@ -51,9 +54,10 @@ def init(which: str = "sweep", /, *, out: Path | None = None) -> None:
     out
         The file to write; standard output unless given. A file that is there is left alone.
     """
-    from pl_mc.experiments.template import template_for
+    with late_imports():
+        from pl_mc.experiments.template import template_for
 
-    text = template_for(which)
+        text = template_for(which)
     if out is None:
         print(text, end="")
         return
@@ -102,9 +106,16 @@ def check(
     """
     from dataclasses import asdict
 
-    from pl_mc.experiments.checking import check_experiment
+    from pl_mc.experiments.source_files import read_source
 
-    found = check_experiment(experiment, overrides(draws, seed), faults=fault, measure=measure)
+    # What cannot be read is refused before any library is loaded.
+    read_source(experiment)
+    if measure:
+        keep_programs()
+    with late_imports():
+        from pl_mc.experiments.checking import check_experiment
+
+        found = check_experiment(experiment, overrides(draws, seed), faults=fault, measure=measure)
     if json:
         problems, cost = [asdict(one) for one in found.problems], found.cost and asdict(found.cost)
         print_json({"name": found.name, "sound": not problems, "problems": problems, "cost": cost})

@@ -1,12 +1,13 @@
 """The command line, ``pl-mc``: one file beside this one for each sort of command.
 
 Exit codes: 0 done, 2 input that cannot be used (a sentence for each error on standard error), 130 interrupted by
-Ctrl-C, 143 by SIGTERM, 129 by SIGHUP. Nothing is left half-written by any of them.
+Ctrl-C, 143 by SIGTERM, 129 by SIGHUP, 141 by the end of a pipe. Nothing is left half-written by any of them.
 """
 
 from __future__ import annotations
 
 import contextlib
+import gc
 import os
 import sys
 from collections.abc import Sequence
@@ -17,6 +18,7 @@ from cyclopts import App
 import pl_mc
 from pl_mc.cli import conforming, drafting, reading, running
 from pl_mc.input_errors import InputError
+from pl_mc.runtime.closed_pipes import quiet_end
 from pl_mc.runtime.stopping import stoppable
 
 app = App(
@@ -28,10 +30,12 @@ Begin with `pl-mc list`, `pl-mc run ramp`, and open `runs/ramp/report.html`. For
 `pl-mc init --out my.toml`, `pl-mc check my.toml`, `pl-mc run my.toml`. `pl-mc COMMAND --help` shows examples.
 """,
     help_epilogue="""Exit codes: 0 done; 2 input that cannot be used, with a sentence for each error on standard
-error; 130 interrupted (143 by SIGTERM, 129 by SIGHUP). Nothing is left half-written.
+error; 130 interrupted (143 by SIGTERM, 129 by SIGHUP); 141 where nobody reads the output. Nothing is left
+half-written.
 
 Results go to standard output, progress and errors to standard error. Colours appear on terminals alone,
-and not where NO_COLOR is set. Completion of commands and options: `pl-mc --install-completion`.
+and not where NO_COLOR is set. Compiled programs are kept in the user's cache folder for the next run, unless
+PL_MC_CACHE is `off`. Completion of commands and options: `pl-mc --install-completion`.
 """,
     help_format="markdown",
     # Ctrl-C is this program's to answer, with a sentence and an exit code.
@@ -53,7 +57,10 @@ app.register_install_completion_command()
 
 def main(arguments: Sequence[str] | None = None) -> None:
     """Entry point: bad input becomes one sentence and exit code 2; without arguments those of the process are taken."""
-    with stoppable() as stops:
+    if arguments is None:
+        # Loading libraries makes many objects and no garbage, which is looked for every 700 objects unless told.
+        gc.set_threshold(10_000)
+    with quiet_end(), stoppable() as stops:
         try:
             if any("\0" in argument for argument in (arguments or ())):
                 raise InputError("an argument holds the character NUL, which no name of a file can.")

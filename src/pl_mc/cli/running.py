@@ -9,6 +9,7 @@ from cyclopts import Parameter
 
 from pl_mc.cli.printing import Count, Draws, Flag, Json, Limit, Output, Progress, Seed, Several, Texts, Which, overrides
 from pl_mc.input_errors import InputError, shown
+from pl_mc.runtime.kept_programs import keep_programs
 
 _DEFAULT = Output()
 
@@ -77,6 +78,11 @@ def run(
         A Dask scheduler that gives the parts to its workers, `tcp://host:8786`, or `local` or `local:4` for
         processes on this machine; needs the extra `pl_mc[dask]`.
     """
+    from pl_mc.experiments.source_files import read_source
+
+    # What cannot be read is refused before any library is loaded.
+    read_source(experiment)
+    keep_programs()
     from pl_mc.engine import Execution
     from pl_mc.experiments.loading import load_experiment
     from pl_mc.experiments.running import run_experiment, run_shard
@@ -110,6 +116,7 @@ def merge(folders: Annotated[tuple[Path, ...], Several], /, *, out: Path, output
     out
         Results folder.
     """
+    keep_programs()
     from pl_mc.experiments.running import merge as merge_shares
 
     output.show(merge_shares(folders, out, progress=output.bar))
@@ -190,6 +197,7 @@ def observe(
     out
         Results folder; `runs/observe-NAME` unless given. An earlier result there is replaced.
     """
+    keep_programs()
     from pl_mc.engine import Execution
     from pl_mc.experiments.loading import build_experiment
     from pl_mc.experiments.running import run_experiment
@@ -258,15 +266,14 @@ def bench(
     """
     from json import dumps
 
-    from pl_mc import benchmark
+    from pl_mc.benchmark.run import run_bench
+    from pl_mc.benchmark.scaling import run_scaling, scenario_counts
 
     if scaling is not None:
-        table, text = benchmark.run_scaling(
-            benchmark.scenario_counts(scaling), precision=precision[0], out=out, progress=progress
-        )
+        table, text = run_scaling(scenario_counts(scaling), precision=precision[0], out=out, progress=progress)
         print(table.to_json(orient="records", indent=2) if json else text)
         return
-    record, text = benchmark.run_bench(
+    record, text = run_bench(
         seconds=seconds, precisions=precision, devices=devices, limit=limit, out=out, progress=progress
     )
     print(dumps(record.as_dict(), indent=2, ensure_ascii=False) if json else text)

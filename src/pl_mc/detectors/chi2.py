@@ -13,7 +13,7 @@ from typing import Any
 import jax.numpy as jnp
 import numpy as np
 from jax import Array
-from scipy import stats
+from scipy import special
 
 from pl_mc.detectors.base import SYSTEM_LETTERS, Verdict, View, by_count, nothing_redundant, suspected
 from pl_mc.input_errors import InputError, require_choice, shown
@@ -71,7 +71,7 @@ class Chi2:
     def prepare(self, model: LinearModel, system: Array, p_fa: float) -> tuple[Array, Array]:
         """The threshold, and the factor (n,) of each squared whitened residual."""
         dof = np.arange(model.design.shape[0] + 1)
-        table = np.where(dof > 0, stats.chi2.isf(p_fa, np.maximum(dof, 1)), np.inf)
+        table = np.where(dof > 0, special.chdtri(np.maximum(dof, 1), p_fa), np.inf)
         threshold = by_count(table, model.design.dtype, jnp.maximum(model.dof, 0))
         factor = jnp.ones_like(model.weight_root)
         for letter, variance in zip(self.systems, self.variances_m2, strict=True):

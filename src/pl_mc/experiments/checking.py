@@ -20,7 +20,8 @@ from pl_mc.alert import as_limits, is_operation
 from pl_mc.detectors.registry import detector
 from pl_mc.engine import Execution, plan
 from pl_mc.error_models import error_model
-from pl_mc.experiments.loading import field_problems, read_source
+from pl_mc.experiments.loading import field_problems
+from pl_mc.experiments.source_files import read_source
 from pl_mc.faults import Faults, ramp_sizes_m
 from pl_mc.geometry import Geometry
 from pl_mc.input_errors import InputError

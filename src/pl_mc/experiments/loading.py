@@ -2,43 +2,14 @@
 
 from __future__ import annotations
 
-import tomllib
-from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass
-from pathlib import Path
+from collections.abc import Mapping, Sequence
 from typing import Any
 
+from pl_mc.experiments.source_files import read_source
 from pl_mc.input_errors import InputError, nearest, shown
-from pl_mc.methods import METHODS
-from pl_mc.report.run_folder import folder_name
-from pl_mc.runtime.small_files import parsed, parsed_json, read_text
 from pl_mc.studies.registry import FORMER, KINDS, in_todays_words, with_faults
-from pl_mc.studies.sources import PACKAGED_FOLDERS
 from pl_mc.studies.spec import Experiment
 from pl_mc.studies.validation import FieldProblem, problems_of, validated
-
-
-def experiment_files() -> dict[str, Path]:
-    """The experiments that come with the package, by name."""
-    folder = next((folder for folder in PACKAGED_FOLDERS if folder.is_dir()), None)
-    return {} if folder is None else {path.stem: path for path in sorted(folder.glob("*.toml"))}
-
-
-@dataclass(frozen=True)
-class ExperimentSource:
-    """An experiment as it is written, before any field is checked.
-
-    Attributes:
-        name: what a run of it is called.
-        path: the file.
-        text: the file's text; empty for a manifest, whose lines say nothing to a reader.
-        content: the fields.
-    """
-
-    name: str
-    path: Path
-    text: str
-    content: Mapping[str, Any]
 
 
 def load_experiment(
@@ -60,54 +31,6 @@ def load_experiment(
     if faults:
         content = with_faults(content, faults)
     return source.name, build_experiment(content, source=str(source.path.name))
-
-
-def read_source(which: str) -> ExperimentSource:
-    """The fields of an experiment as they are written; ``which`` and errors as for `load_experiment`."""
-    path = Path(which)
-    known = experiment_files()
-    if which in known:
-        path = known[which]
-    elif path.suffix not in (".toml", ".json"):
-        raise InputError(f"experiment {shown(which)}: it is unknown ({nearest(which, known)}); a path ends in .toml.")
-    try:
-        text = read_text(path)
-    except FileNotFoundError:
-        raise InputError(f"{which}: there is no such file ({nearest(path.stem, known)}).") from None
-    if path.suffix != ".json":
-        return ExperimentSource(path.stem, path, text, parsed(text, tomllib.loads, path=path, what="TOML"))
-    manifest = parsed_json(text, path=path)
-    if not isinstance(manifest, dict) or not isinstance(manifest.get("experiment"), dict):
-        raise InputError(f"{path}: it is no manifest of a run.")
-    name = folder_name(manifest.get("name"), source=str(path))
-    return ExperimentSource(name, path, "", experiment_of(manifest))
-
-
-def experiment_of(manifest: Mapping[str, Any]) -> Mapping[str, Any]:
-    """The experiment of a manifest, with the defaults of the version that wrote it where today's are others."""
-    versions = manifest.get("versions")
-    first = isinstance(versions, Mapping) and versions.get("pl_mc") == "0.1.0"
-    return _with_ten_iterations(manifest["experiment"]) if first else manifest["experiment"]
-
-
-def _with_ten_iterations(content: Mapping[str, Any]) -> dict[str, Any]:
-    """A manifest of version 0.1.0 in words of today: there reweighted estimates took ten plain iterations."""
-
-    def told(options: Any, name: Any) -> Any:
-        known = isinstance(options, dict) and isinstance(name, str) and name in METHODS
-        ten = {"iterations": 10} if known and getattr(METHODS[name], "iterations", 10) is None else {}
-        return ten | options if ten else options
-
-    def each(field: str, change: Callable[[dict[str, Any]], Any]) -> dict[str, Any]:
-        if not isinstance(rows := content.get(field), list):
-            return {}
-        return {field: [change(row) if isinstance(row, dict) else row for row in rows]}
-
-    return (
-        dict(content)
-        | each("methods", lambda row: told(row, row.get("name")))
-        | each("readings", lambda row: row | {"igg3": told(row.get("igg3", {}), "igg3")})
-    )
 
 
 def build_experiment(content: Mapping[str, Any], *, source: str) -> Experiment:

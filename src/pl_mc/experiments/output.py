@@ -20,7 +20,8 @@ from typing import Any
 
 from pl_mc.engine import plan
 from pl_mc.engine.part_task import environment
-from pl_mc.experiments.loading import experiment_of, in_this_version
+from pl_mc.experiments.loading import in_this_version
+from pl_mc.experiments.source_files import experiment_of
 from pl_mc.input_errors import InputError, shown, system_reason
 from pl_mc.kernels.noise import LANES
 from pl_mc.report.run_folder import MANIFEST, changed_fields, earlier_place, read_run_folder

@@ -10,9 +10,10 @@ from typing import Any
 import pandas as pd
 
 from pl_mc.experiments.field_meanings import meanings_of
-from pl_mc.experiments.loading import build_experiment, experiment_of, in_this_version
+from pl_mc.experiments.loading import build_experiment, in_this_version
 from pl_mc.experiments.output import result_folder
 from pl_mc.experiments.running import RunResult
+from pl_mc.experiments.source_files import experiment_of
 from pl_mc.input_errors import InputError
 from pl_mc.report.charts import charts_of
 from pl_mc.report.comparison import Comparison, combined_tables, compare_runs, row_name

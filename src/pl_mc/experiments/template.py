@@ -17,7 +17,8 @@ from pydantic_core import PydanticUndefined
 
 from pl_mc.detectors.registry import DETECTORS
 from pl_mc.experiments.field_meanings import meaning, rule
-from pl_mc.experiments.loading import build_experiment, experiment_files, load_experiment
+from pl_mc.experiments.loading import build_experiment, load_experiment
+from pl_mc.experiments.source_files import experiment_files
 from pl_mc.input_errors import InputError, nearest
 from pl_mc.methods.registry import METHODS
 from pl_mc.noise_models import NOISE_MODELS

@@ -9,12 +9,15 @@ from __future__ import annotations
 
 from datetime import date as Day
 from datetime import datetime
+from typing import TYPE_CHECKING
 
 import numpy as np
-import pandas as pd
 from numpy.typing import ArrayLike, NDArray
 
 from pl_mc.input_errors import InputError, shown
+
+if TYPE_CHECKING:
+    import pandas as pd
 
 GPS_EPOCH = datetime(1980, 1, 6)
 
@@ -36,8 +39,10 @@ def gps_seconds(date: str | Day | np.datetime64, *, field: str = "start") -> flo
         InputError: no such date, a time zone (GPS time has none), or a date before GPS time began.
     """
     try:
-        if isinstance(date, np.datetime64 | pd.Timestamp):
-            # Some have nanoseconds, which Python's have not.
+        if isinstance(date, np.datetime64) or hasattr(date, "nanosecond"):
+            import pandas as pd
+
+            # Dates of NumPy and pandas have nanoseconds, which Python's have not.
             moment = pd.Timestamp(date).round("us").to_pydatetime()
         else:
             moment = date if isinstance(date, datetime) else datetime.fromisoformat(_iso(date))
@@ -62,6 +67,8 @@ def _iso(date: object) -> str:
 
 def gps_dates(time_gps_s: ArrayLike) -> pd.DatetimeIndex:
     """Dates in GPS time of seconds since 1980-01-06 (...,) [s]; missing where there is no number."""
+    import pandas as pd
+
     return pd.DatetimeIndex(pd.Timestamp(GPS_EPOCH) + pd.to_timedelta(np.asarray(time_gps_s, float), unit="s"))
 
 

@@ -8,7 +8,7 @@ from dataclasses import dataclass
 import jax.numpy as jnp
 import numpy as np
 from jax import Array
-from scipy import stats
+from scipy import special
 
 from pl_mc.arrays import FloatArray
 from pl_mc.kernels import LeastSquaresSolution, LinearModel, ProtectionLevels
@@ -66,7 +66,7 @@ class Ibpl(Named):
 def _factors(most: int, alpha_vertical: float, alpha_horizontal: float) -> tuple[FloatArray, FloatArray]:
     """(2 of (most + 1,)), k_2 and k_1 by degrees of freedom; zero for none, where there is no level."""
     dof = np.arange(1, most + 1)
-    vertical = stats.t.isf(alpha_vertical / 2.0, dof) / np.sqrt(dof)
+    vertical = -special.stdtrit(dof, alpha_vertical / 2.0) / np.sqrt(dof)
     # expm1 of the logarithm: many degrees of freedom leave a small difference.
     horizontal = np.sqrt(np.expm1(-2.0 * np.log(alpha_horizontal) / dof))
     return np.concatenate([[0.0], horizontal]), np.concatenate([[0.0], vertical])

@@ -29,7 +29,7 @@ from typing import Any
 import jax.numpy as jnp
 import numpy as np
 from jax import Array
-from scipy import optimize, special
+from scipy import special
 
 from pl_mc.arrays import FloatArray
 from pl_mc.detectors.base import by_count
@@ -98,6 +98,7 @@ def protected_sizes(most: int, p_fa: float, p_md: float, form: str) -> FloatArra
 
 def _noncentral_size(dof: int, limit: float, p_md: float) -> float:
     """sqrt(lambda) with P(Y <= limit^2) = p_md for Y noncentral chi-square."""
+    from scipy import optimize
 
     def excess(size: float) -> float:
         missed, _ = split_at_threshold(limit**2, float(dof), size**2)

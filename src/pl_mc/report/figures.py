@@ -3,24 +3,20 @@
 from __future__ import annotations
 
 import functools
-import re
 from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any, Literal, ParamSpec
+from typing import TYPE_CHECKING, Any, Literal, ParamSpec
 
-import matplotlib as mpl
 import numpy as np
-from matplotlib.axes import Axes
-from matplotlib.backends.backend_agg import FigureCanvasAgg
-from matplotlib.backends.backend_svg import FigureCanvasSVG
-from matplotlib.figure import Figure
-from matplotlib.lines import Line2D
-from matplotlib.ticker import LogFormatter, LogFormatterSciNotation
 from numpy.typing import ArrayLike, NDArray
-from PIL import Image
 
 from pl_mc.alert import EITHER, VERTICAL
+
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
+    from matplotlib.figure import Figure
+    from matplotlib.lines import Line2D
 
 _LOOK: Any = {
     "svg.hashsalt": "pl_mc",
@@ -38,10 +34,6 @@ _LOOK: Any = {
     "axes.titlelocation": "left",
     "axes.titlesize": 10.5,
 }
-
-# Labels of logarithmic axes as matplotlib makes them: a factor, if any, and an exponent.
-_POWER = re.compile(r"^\$\\mathdefault\{(?:(\S+)\\times ?)?10\^\{([-0-9]+)\}\}\$$")
-_RAISED = str.maketrans("-0123456789", "⁻⁰¹²³⁴⁵⁶⁷⁸⁹")
 
 
 @dataclass(frozen=True)
@@ -80,18 +72,6 @@ _LABELS = {"ls": "least squares (VPL)", "igg3": "IGG-III (VPL_R)"}
 _Arguments = ParamSpec("_Arguments")
 
 
-class Undrawn(Figure):
-    """What stands for a figure that could not be drawn, which costs that figure alone.
-
-    Args:
-        reason: why, within a sentence.
-    """
-
-    def __init__(self, reason: str) -> None:
-        super().__init__()
-        self.reason = reason
-
-
 def in_common_look(make: Callable[_Arguments, Figure]) -> Callable[_Arguments, Figure]:
     """Decorator of a function that draws a figure: titles, legends and grids in the common look.
 
@@ -101,6 +81,10 @@ def in_common_look(make: Callable[_Arguments, Figure]) -> Callable[_Arguments, F
 
     @functools.wraps(make)
     def wrapped(*args: _Arguments.args, **kwargs: _Arguments.kwargs) -> Figure:
+        import matplotlib as mpl
+
+        from pl_mc.report.artists import Undrawn
+
         with mpl.rc_context(_LOOK):
             try:
                 return make(*args, **kwargs)
@@ -131,6 +115,9 @@ def new_figure(
     rows: int, columns: int, *, width_in: float, height_in: float, title: str | None = None, **options: Any
 ) -> tuple[Figure, list[Axes]]:
     """A figure and its axes, row by row; call it inside a function that is `in_common_look`."""
+    from matplotlib.backends.backend_agg import FigureCanvasAgg
+    from matplotlib.figure import Figure
+
     figure = Figure(figsize=(width_in, height_in), layout="constrained")
     FigureCanvasAgg(figure)
     axes = figure.subplots(rows, columns, squeeze=False, **options)
@@ -152,6 +139,8 @@ def note(axes: Axes, text: str, at: tuple[Any, Any], *, shift: tuple[float, floa
 
 def legend_key(label: str, **look: Any) -> Line2D:
     """An entry of a legend that no drawn line has."""
+    from matplotlib.lines import Line2D
+
     return Line2D([], [], label=label, **look)
 
 
@@ -185,6 +174,8 @@ def save_figure(figure: Figure, folder: Path, name: str) -> str:
     Returns:
         Why the figure could not be drawn and nothing was written; empty where it was.
     """
+    from pl_mc.report.artists import Undrawn
+
     if isinstance(figure, Undrawn):
         return figure.reason
     try:
@@ -202,23 +193,21 @@ def _why(error: Exception) -> str:
     return f"{type(error).__name__}: {' '.join(str(error).split())[:200].rstrip('.')}"
 
 
-class _Powers(LogFormatterSciNotation):
-    """Powers of ten in raised digits: nothing on a figure is parsed as mathematics, the names of users least of all."""
-
-    def __call__(self, x: float, pos: int | None = None) -> str:
-        def plain(found: re.Match[str]) -> str:
-            return (f"{found[1]} × " if found[1] else "") + "10" + found[2].translate(_RAISED)
-
-        return _POWER.sub(plain, super().__call__(x, pos))
-
-
 def _save(figure: Figure, folder: Path, name: str) -> None:
+    import matplotlib as mpl
+    from matplotlib.backends.backend_agg import FigureCanvasAgg
+    from matplotlib.backends.backend_svg import FigureCanvasSVG
+    from matplotlib.ticker import LogFormatter
+    from PIL import Image
+
+    from pl_mc.report.artists import Powers
+
     with mpl.rc_context(_LOOK):
         for axis in (axis for axes in figure.axes for axis in (axes.xaxis, axes.yaxis)):
             if isinstance(axis.get_major_formatter(), LogFormatter):
-                axis.set_major_formatter(_Powers())
+                axis.set_major_formatter(Powers())
             if isinstance(axis.get_minor_formatter(), LogFormatter):
-                axis.set_minor_formatter(_Powers(labelOnlyBase=False))
+                axis.set_minor_formatter(Powers(labelOnlyBase=False))
         # Laid out and drawn once for both; what saves a figure lays it out and draws it twice for each.
         figure.set_dpi(150)
         canvas = FigureCanvasAgg(figure)

@@ -15,7 +15,6 @@ from pathlib import Path
 import pandas as pd
 from markdown_it import MarkdownIt
 from markdown_it.tree import SyntaxTreeNode
-from matplotlib.text import Text
 
 from pl_mc.report.document import (
     Block,
@@ -100,6 +99,8 @@ def write_table(table: pd.DataFrame, folder: Path, name: str, *, stored: str = "
 
 def _entry(picture: Picture, title: str) -> FigureEntry:
     """The caption, and for those who do not see it the words that are drawn: headings, axes, names of curves."""
+    from matplotlib.text import Text
+
     texts = [artist for artist in picture.figure.findobj(Text) if isinstance(artist, Text) and artist.get_visible()]
     words = dict.fromkeys(" ".join(text.get_text().split()) for text in texts)
     drawn = [word for word in words if word != title and not _NUMBER.fullmatch(word)]

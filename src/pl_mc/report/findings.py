@@ -10,14 +10,16 @@ import functools
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Literal, ParamSpec
+from typing import TYPE_CHECKING, Literal, ParamSpec
 
 import pandas as pd
-from matplotlib.figure import Figure
 
 from pl_mc.kernels.events import EVENTS
 from pl_mc.report.document import Chart, Quantity, Summary
 from pl_mc.report.figures import in_common_look
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
 
 _Arguments = ParamSpec("_Arguments")
 

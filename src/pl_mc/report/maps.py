@@ -11,20 +11,19 @@ import importlib.util
 import itertools
 from collections.abc import Mapping
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
-import matplotlib as mpl
 import numpy as np
-from matplotlib.axes import Axes
-from matplotlib.collections import LineCollection
-from matplotlib.colors import BoundaryNorm, Colormap, ListedColormap, LogNorm, Normalize
-from matplotlib.figure import Figure
-from matplotlib.ticker import FormatStrFormatter
 from numpy.typing import NDArray
 
 from pl_mc.geometry.record import SYSTEM_NAMES, Geometry
 from pl_mc.report.figures import in_common_look, new_figure, note, series_style
 from pl_mc.service.sky import WorldGrid
+
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
+    from matplotlib.colors import BoundaryNorm, Colormap
+    from matplotlib.figure import Figure
 
 # Edges of the colours of an availability; the last colour is for all of the time.
 _SHARES = (0.0, 0.5, 0.9, 0.95, 0.99, 0.995, 0.999)
@@ -42,6 +41,9 @@ _SOUTH_DEG = -86.0
 
 def share_scale() -> tuple[Colormap, BoundaryNorm, tuple[float, ...], tuple[str, ...]]:
     """Colours of an availability in steps that grow finer towards one: map, norm, places and labels of the bar."""
+    import matplotlib as mpl
+    from matplotlib.colors import BoundaryNorm, ListedColormap
+
     # Anything below one is not "always": the last edge is the next number below it.
     edges = (*_SHARES, float(np.nextafter(1.0, 0.0)), 1.5)
     colours = ListedColormap(mpl.colormaps["viridis"](np.linspace(0.0, 1.0, len(edges) - 1)))
@@ -73,6 +75,9 @@ def world_figure(
         limits: ends of the scale; the smallest and the largest value unless given.
         logarithmic: whether the scale is, for values over zero.
     """
+    from matplotlib.colors import LogNorm, Normalize
+    from matplotlib.ticker import FormatStrFormatter
+
     rows = -(-len(panels) // columns)
     width_in = 6.3 if columns == 1 else 4.2
     figure, axes = new_figure(
@@ -109,6 +114,8 @@ def world_figure(
 
 def _draw_world(panel: Axes) -> None:
     """Axes of longitude and latitude, with coastlines in white on black so that they show on every colour."""
+    from matplotlib.collections import LineCollection
+
     lines = coastlines()
     for colour, width, order in (("white", 1.1, 2.5), ("0.1", 0.45, 2.6)):
         panel.add_collection(

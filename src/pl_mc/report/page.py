@@ -21,7 +21,6 @@ import pandas as pd
 from jinja2.utils import htmlsafe_json_dumps
 from markdown_it import MarkdownIt
 from markupsafe import Markup
-from PIL import Image
 
 from pl_mc.input_errors import InputError, system_reason
 from pl_mc.report.charts import charts_of
@@ -237,6 +236,8 @@ def page_figures(folder: Path, entries: Sequence[FigureEntry], *, most_bytes: in
 
 def _is_picture(path: Path) -> bool:
     """Whether a file of the folder itself, of a size that is drawn, begins like what its name says."""
+    from PIL import Image
+
     if not path.is_file() or path.is_symlink() or path.stat().st_size > _MOST_PICTURE_BYTES:
         return False
     if path.suffix != ".png":
@@ -295,6 +296,8 @@ def _address(data: bytes, kind: str) -> str:
 
 def _redrawn(path: Path, address: str, scale: int) -> str:
     """The picture with 64 colours and its sides divided by ``scale``, if that is lighter; an SVG stays as it is."""
+    from PIL import Image
+
     if path.suffix != ".png":
         return address
     with Image.open(path) as image:
@@ -308,6 +311,8 @@ def _redrawn(path: Path, address: str, scale: int) -> str:
 
 def _size(path: Path) -> tuple[int, int] | None:
     """Size on the screen of a picture of 150 dots an inch."""
+    from PIL import Image
+
     if path.suffix != ".png":
         return None
     with Image.open(path) as image:

@@ -2,19 +2,19 @@
 
 from __future__ import annotations
 
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 import pandas as pd
-from matplotlib.axes import Axes
-from matplotlib.colors import LogNorm
-from matplotlib.figure import Figure
-from matplotlib.patches import Polygon
 from numpy.typing import NDArray
 
 from pl_mc.alert import Judged
 from pl_mc.report.figures import DASHED, in_common_look, method_label, new_figure, note
 from pl_mc.report.text import row_rate
+
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
+    from matplotlib.figure import Figure
 
 # Shades of the regions in which something is wrong; the counts lie over them.
 _MISLEADING, _HAZARDOUS, _UNAVAILABLE = "#FBE7D3", "#F3C6AE", "0.93"
@@ -39,6 +39,8 @@ def stanford_figure(
         counted: what is counted.
         named_by: the axis of whose level the names of methods speak; that of the diagram unless given.
     """
+    from matplotlib.colors import LogNorm
+
     methods, (called,), ((_, _, limit_m),) = list(dict.fromkeys(regions.method)), judged.called, judged.levels
     across = min(columns, len(methods))
     down = -(-len(methods) // across)
@@ -83,6 +85,8 @@ def stanford_figure(
 
 def _regions(panel: Axes, limit: float, name: str, reach: float, end: float) -> None:
     """The regions as shades, with the diagonal and the alert limit."""
+    from matplotlib.patches import Polygon
+
     for corners, colour in (
         ([(0, 0), (limit, 0), (limit, limit)], _MISLEADING),
         ([(limit, 0), (end, 0), (end, limit), (limit, limit)], _HAZARDOUS),

@@ -5,14 +5,15 @@ from __future__ import annotations
 import os
 import sys
 
-from pl_mc.input_errors import InputError
-
 _forked = False
 
 
 def require_own_threads() -> None:
     """Raise `InputError` in a process that was forked from one in which JAX had computed."""
     if _forked:
+        # With it comes NumPy, and this file is loaded with the package.
+        from pl_mc.input_errors import InputError
+
         raise InputError(
             "process: it was forked after JAX had computed in its parent, and would wait for threads that are not "
             "here; processes have to be spawned, as by multiprocessing.get_context('spawn')."

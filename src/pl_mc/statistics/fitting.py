@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 import pandas as pd
 from numpy.typing import ArrayLike, NDArray
-from scipy import optimize, special
+from scipy import special
 
 from pl_mc.arrays import ordinary_arithmetic
 from pl_mc.error_models import ErrorModel, error_model
@@ -241,6 +241,7 @@ def _rounded_down(count: int) -> int:
 
 def _laws(unit: NDArray[np.float64], weight: float, of_sigma: float) -> tuple[pd.DataFrame, dict[str, Any]]:
     """Distributions of errors over their RMS by likelihood, and the best one as a noise model's name and options."""
+    from scipy import optimize
 
     def best(density: Any, start: Sequence[float]) -> tuple[NDArray[np.float64], float]:
         found = optimize.minimize(

@@ -10,7 +10,7 @@ from __future__ import annotations
 import numpy as np
 import pandas as pd
 from numpy.typing import NDArray
-from scipy import optimize, special
+from scipy import special
 
 from pl_mc.arrays import FloatArray, ordinary_arithmetic
 from pl_mc.geometry.record import SYSTEM_NAMES, Geometry, require_geometry
@@ -99,6 +99,8 @@ def noncentral_shift(p_fa: float = 1e-3, power: float = 0.8) -> float:
     Raises:
         InputError: a probability outside (0, 1), or a power that is not above ``p_fa``, which every mean has.
     """
+    from scipy import optimize
+
     if require_fraction(power, field="power") <= require_fraction(p_fa, field="p_fa"):
         raise InputError(f"power: it lies above p_fa ({p_fa:g}), which a test has without a bias, not {shown(power)}.")
     limit = -special.ndtri(p_fa / 2.0)

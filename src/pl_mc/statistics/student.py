@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
-from scipy import stats
+from scipy import special
 
 from pl_mc.arrays import ordinary_arithmetic
 from pl_mc.constants import K_VERTICAL
@@ -31,7 +31,7 @@ def fault_free_exceeded(dof: ArrayLike, k_vertical: float = K_VERTICAL) -> NDArr
     Returns:
         (...), probabilities.
     """
-    return np.asarray(2.0 * stats.t.sf(require_positive(k_vertical, field="k_vertical"), _require_dof(dof)))
+    return np.asarray(2.0 * special.stdtr(_require_dof(dof), -require_positive(k_vertical, field="k_vertical")))
 
 
 @ordinary_arithmetic
@@ -45,7 +45,7 @@ def student_factor(dof: ArrayLike, risk: float = 1e-7) -> NDArray[np.float64]:
     Returns:
         (...), factors; they tend to the normal quantile (5.3267 for 1e-7) as ``dof`` grows.
     """
-    return np.asarray(stats.t.isf(require_fraction(risk, field="risk") / 2.0, _require_dof(dof)))
+    return np.asarray(-special.stdtrit(_require_dof(dof), require_fraction(risk, field="risk") / 2.0))
 
 
 @ordinary_arithmetic
@@ -56,7 +56,7 @@ def chi2_threshold(dof: ArrayLike, p_fa: float = 1e-3) -> NDArray[np.float64]:
         dof: (...), degrees of freedom n - t, at least 1.
         p_fa: probability of a false alarm, between 0 and 1.
     """
-    return np.asarray(stats.chi2.isf(require_fraction(p_fa, field="p_fa"), _require_dof(dof)))
+    return np.asarray(special.chdtri(_require_dof(dof), require_fraction(p_fa, field="p_fa")))
 
 
 def _require_dof(dof: ArrayLike) -> NDArray[np.float64]:

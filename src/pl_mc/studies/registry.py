@@ -4,11 +4,14 @@ from __future__ import annotations
 
 import importlib
 from collections.abc import Iterator, Mapping, Sequence
-from typing import Any
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
 
 from pl_mc.input_errors import InputError
-from pl_mc.studies.spec import Experiment, kind_of
-from pl_mc.studies.study import Study
+
+if TYPE_CHECKING:
+    from pl_mc.studies.spec import Experiment
+    from pl_mc.studies.study import Study
 
 _FOLDERS = {
     "compare": "pl_mc.studies.compare",
@@ -27,6 +30,9 @@ _FOLDERS = {
     "variants": "pl_mc.studies.variants",
 }
 
+# Where the experiments of the package are, and files that come with them: in a wheel, and in a checkout.
+PACKAGED_FOLDERS = (Path(__file__).parents[1] / "experiments" / "files", Path(__file__).parents[3] / "experiments")
+
 # What experiments of kinds that have become an option of another one say today.
 FORMER = {"map": {"kind": "sweep", "view": "map"}, "satellite-ramps": {"kind": "sweep", "view": "satellites"}}
 
@@ -34,7 +40,7 @@ FORMER = {"map": {"kind": "sweep", "view": "map"}, "satellite-ramps": {"kind": "
 _INSTEAD, _MOST_IN_TITLE = "; faults instead: ", 3
 
 
-class Registry(Mapping[str, Study]):
+class Registry(Mapping[str, "Study"]):
     """Studies by the name of their kind.
 
     Args:
@@ -45,8 +51,7 @@ class Registry(Mapping[str, Study]):
         self.folders = dict(folders)
 
     def __getitem__(self, kind: str) -> Study:
-        study = importlib.import_module(self.folders[kind]).STUDY
-        assert isinstance(study, Study)
+        study: Study = importlib.import_module(self.folders[kind]).STUDY
         return study
 
     def __contains__(self, kind: object) -> bool:
@@ -93,4 +98,6 @@ def with_faults(content: Mapping[str, Any], texts: Sequence[str]) -> dict[str, A
 
 def study_of(experiment: Experiment) -> Study:
     """The study of an experiment."""
+    from pl_mc.studies.spec import kind_of
+
     return KINDS[kind_of(experiment)]

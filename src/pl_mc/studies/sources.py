@@ -27,13 +27,11 @@ from pl_mc.input_errors import InputError
 from pl_mc.kernels.noise import LANES, epoch_key, unit_noise
 from pl_mc.receiver import read_receiver_series, read_truth
 from pl_mc.runtime.precision import dtype_of, precision_scope
+from pl_mc.studies.registry import PACKAGED_FOLDERS
 from pl_mc.studies.spec import ReceiverFiles, SimulatedGeometry, Strict, numbered, satellite_files
 
 # Names the folder in which the files of receivers are looked for.
 DATA_VARIABLE = "PL_MC_DATA"
-
-# Where the experiments of the package are, and files that come with them: in a wheel, and in a checkout.
-PACKAGED_FOLDERS = (Path(__file__).parents[1] / "experiments" / "files", Path(__file__).parents[3] / "experiments")
 
 _FORMS = {"site": "Site", "flight": "Flight", "receiver": "Receiver"}
 

@@ -11,7 +11,6 @@ import jax.numpy as jnp
 import numpy as np
 import pandas as pd
 from numpy.typing import ArrayLike, NDArray
-from scipy import stats
 
 from pl_mc.alert import EITHER, LPV_200, VERTICAL, AlertLimits, as_axis
 from pl_mc.arrays import FloatArray, ordinary_arithmetic
@@ -290,6 +289,8 @@ def quantile_bounds(values: ArrayLike, share: float) -> tuple[float, float, floa
     points enclose the quantile, whatever the distribution (David & Nagaraja 2003, Order Statistics, section 7.1).
     Where there are too few values for a bound it is infinite.
     """
+    from scipy import stats
+
     ordered = np.sort(np.asarray(values, dtype=float))
     if not ordered.size:
         return math.nan, math.nan, math.nan

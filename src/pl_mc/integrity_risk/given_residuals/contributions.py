@@ -12,7 +12,7 @@ from collections.abc import Callable
 from dataclasses import dataclass, replace
 
 import numpy as np
-from scipy import optimize, stats
+from scipy import special
 
 from pl_mc.arrays import FloatArray
 from pl_mc.geometry.record import Geometry
@@ -310,6 +310,7 @@ class LevelRisk:
 
 def _root(risk: Callable[[float], float], allowed: float) -> float:
     """The multiplier at which a risk that falls with it is what is allowed; infinite beyond LARGEST_K."""
+    from scipy import optimize
 
     def excess(log_k: float) -> float:
         return math.log(max(float(risk(math.exp(log_k))), 1e-300) / allowed)
@@ -328,4 +329,4 @@ def _root(risk: Callable[[float], float], allowed: float) -> float:
 
 
 def z_of(confidence: float) -> float:
-    return float(stats.norm.ppf(confidence))
+    return float(special.ndtri(confidence))

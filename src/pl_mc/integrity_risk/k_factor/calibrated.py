@@ -15,7 +15,7 @@ from typing import Literal
 
 import numpy as np
 import pandas as pd
-from scipy import optimize, stats
+from scipy import special
 
 from pl_mc.alert import VERTICAL, AlertLimits
 from pl_mc.arrays import FloatArray
@@ -124,6 +124,8 @@ def exact_k_factor(
 
 def _root_of(risk: Callable[[float], float], target: float) -> float:
     """The multiplier at which a risk that falls with it is the target."""
+    from scipy import optimize
+
     last = 1.0
     while risk(last) > target:
         last *= 4.0
@@ -169,6 +171,8 @@ def order_bounds(draws: int, target: float, confidence: float) -> tuple[int, int
 
     The first rank is 0 where the draws are too few for any, the second N + 1 likewise.
     """
+    from scipy import stats
+
     # P(number >= r) >= c is P(number <= r - 1) <= 1 - c.
     high = int(stats.binom.ppf(1.0 - confidence, draws, target))
     while high > 0 and stats.binom.sf(high - 1, draws, target) < confidence:
@@ -243,7 +247,7 @@ def bounds_of(row: pd.Series, confidence: float) -> tuple[float, float, float]:
     value, error = float(row["probability"]), float(row["standard_error"])
     if value > 0:
         # An exponential beyond 700 is more than a double holds.
-        reach = min(float(stats.norm.ppf(confidence)) * error / value, 700.0)
+        reach = min(float(special.ndtri(confidence)) * error / value, 700.0)
         return value, value * math.exp(-reach), min(value * math.exp(reach), 1.0)
     low = float(row["low"]) if np.isfinite(row["low"]) else 0.0
     high = float(row["high"]) if np.isfinite(row["high"]) else 1.0

@@ -19,7 +19,7 @@ import zlib
 from dataclasses import dataclass
 
 import numpy as np
-from scipy import stats
+from scipy import special
 
 from pl_mc.arrays import FloatArray
 from pl_mc.integrity_risk.k_factor.calibrated import NO_CHECK, RARE, KFactor
@@ -99,7 +99,7 @@ class ExceedanceCurve:
         """
         known = self.probability > 0
         cov = self.standard_error / np.where(known, self.probability, 1.0)
-        reach = np.exp(np.minimum(stats.t.ppf(confidence, self.populations - 1) * cov, 300.0))
+        reach = np.exp(np.minimum(special.stdtrit(self.populations - 1, confidence) * cov, 300.0))
         low, high = self.probability / reach, np.minimum(self.probability * reach, 1.0)
         return np.where(known, low, 0.0), np.where(known, high, 1.0)
 
@@ -287,7 +287,7 @@ def holding_both(
     The latter are where the curve, moved to the probability that importance sampling bounds at the curve's own
     multiplier, is the target: both then use the curve's slope alone.
     """
-    reach = float(np.exp(min(stats.t.ppf(confidence, run.dof) * run.standard_error / run.probability, 300.0)))
+    reach = float(np.exp(min(special.stdtrit(run.dof, confidence) * run.standard_error / run.probability, 300.0)))
     asked = target**2 / run.probability
     low, high = bounds
     return min(low, curve.reaching(asked * reach, none=0.0)), max(high, curve.reaching(asked / reach, none=np.inf))

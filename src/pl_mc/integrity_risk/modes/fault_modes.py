@@ -14,7 +14,7 @@ from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike
-from scipy import special, stats
+from scipy import special
 
 from pl_mc.arrays import FloatArray
 from pl_mc.faults import MOST_BIAS_M
@@ -218,6 +218,8 @@ def _distribution(bias: Any) -> Any:
         if isinstance(bias, str):
             raise InputError(f"bias: {shown(bias)} is unknown (valid: worst, ('uniform', 5, 100), sizes in metres).")
         return None
+    from scipy import stats
+
     name, *parameters = bias
     known = [item for item in dir(stats) if isinstance(getattr(stats, item), stats.rv_continuous)]
     require_choice(name, known, field="bias")

@@ -18,7 +18,7 @@ import numpy as np
 import pandas as pd
 from jax import Array
 from numpy.typing import ArrayLike
-from scipy import stats
+from scipy import special
 
 from pl_mc.alert import LPV_200, VERTICAL, AlertLimits, as_axis, unjudged_note
 from pl_mc.arrays import ordinary_arithmetic
@@ -212,7 +212,7 @@ def _columns(seen: float, total: float, squares: float, draws: int, samples: int
         relative = (
             by_share**2 * share * (1 - share) + by_rate**2 * variance - 2 * by_share * by_rate * rate * (1 - share)
         )
-        reach = float(stats.norm.isf((1 - CONFIDENCE) / 2)) * math.sqrt(max(relative, 0.0) / draws)
+        reach = float(-special.ndtri((1 - CONFIDENCE) / 2)) * math.sqrt(max(relative, 0.0) / draws)
         if seen >= _FEWEST:
             effective_low, effective_high = effective * math.exp(-reach), effective * math.exp(min(reach, 700.0))
     return {

@@ -12,7 +12,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 import pandas as pd
-from scipy import stats
+from scipy import special
 
 from pl_mc.alert import LPV_200, VERTICAL, AlertLimits, as_axis, unjudged_note
 from pl_mc.arrays import FloatArray, ordinary_arithmetic
@@ -283,13 +283,13 @@ def _disagree(found: ImportanceRun, check: SubsetRun, level: float) -> bool:
     if variance == 0.0:
         return found.probability != check.probability
     dof = variance**2 / (first**4 / found.dof + second**4 / (check.populations - 1.0))
-    limit = stats.t.isf(level / 2.0, dof)
+    limit = -special.stdtrit(dof, level / 2.0)
     return bool(abs(np.log(found.probability / check.probability)) > limit * np.sqrt(variance))
 
 
 def _log_interval(probability: float, cov: float, dof: float) -> tuple[float, float]:
     """Bounds of an estimate whose logarithm is about Student distributed."""
-    width = stats.t.isf((1.0 - CONFIDENCE) / 2.0, dof) * cov
+    width = -special.stdtrit(dof, (1.0 - CONFIDENCE) / 2.0) * cov
     return float(probability * np.exp(-width)), float(min(probability * np.exp(min(width, 700.0)), 1.0))
 
 

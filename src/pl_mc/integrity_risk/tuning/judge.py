@@ -12,7 +12,7 @@ from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy import stats
+from scipy import special
 
 from pl_mc.alert import VERTICAL, AlertLimits
 from pl_mc.arrays import FloatArray
@@ -113,7 +113,7 @@ def estimated_limits(
     k_all = (k, max(row.k for row in rows), max(row.low for row in rows))
     risk = (row.probability, row.probability_low, row.probability_high)
     columns = _columns(problem, k_all, RARE, unit, confidence, risk, faults.labels[worst]) | row.check
-    reach = stats.t.ppf(confidence, found[worst].curve.populations - 1)
+    reach = special.stdtrit(found[worst].curve.populations - 1, confidence)
     spread = np.log(row.high / max(row.low, 1e-300)) / 2.0 / reach
     # Errors of the multiplier, other ones for other limits.
     key = (seed, 2, *np.asarray(limits, dtype=float).view(np.uint32).tolist())

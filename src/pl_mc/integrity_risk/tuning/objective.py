@@ -23,7 +23,7 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 from jax import Array
-from scipy import optimize, special
+from scipy import special
 
 from pl_mc.alert import HORIZONTAL, VERTICAL
 from pl_mc.arrays import FloatArray
@@ -177,6 +177,7 @@ class TuningProblem:
 
     def _log_k_factor(self, log_ratio: FloatArray, weight: FloatArray | None = None) -> float:
         """Where the smoothed share of the draws is the target."""
+        from scipy import optimize
 
         def surplus(log_k: float) -> float:
             above = special.expit((log_ratio - log_k) / self.step)

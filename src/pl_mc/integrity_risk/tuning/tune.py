@@ -17,7 +17,6 @@ from typing import Any, Literal
 import numpy as np
 import pandas as pd
 from numpy.typing import NDArray
-from scipy import optimize
 
 from pl_mc.alert import EITHER, HORIZONTAL, LPV_200, VERTICAL, AlertLimits, as_axis, unjudged_note
 from pl_mc.arrays import FloatArray, ordinary_arithmetic
@@ -302,6 +301,8 @@ def _descend(
     problem: TuningProblem, room: _Room, noise: FloatArray | WeightedNoise, steps: int, starts: Sequence[FloatArray]
 ) -> tuple[FloatArray, int, str]:
     """Limits at which the smoothed objective is least, of descents from ``starts``; what that cost, and a note."""
+    from scipy import optimize
+
     if not room.free.any():
         return room.start, 0, ""
     calls = 0

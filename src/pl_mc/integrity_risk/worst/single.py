@@ -13,7 +13,7 @@ from typing import Any
 
 import numpy as np
 import pandas as pd
-from scipy import stats
+from scipy import special
 
 from pl_mc.arrays import FloatArray
 from pl_mc.geometry.record import Geometry
@@ -94,7 +94,7 @@ def _searched(curves: Sequence[BiasCurve], found: Sequence[Explored]) -> tuple[p
             rows[-1] |= {"grid_m": np.nan, "grid_probability": np.nan, "warning": NO_ESTIMATE}
             continue
         cov = error[best] / value[best]
-        reach = np.exp(min(float(stats.t.ppf(0.975, ess[best] - 1.0)) * cov, 700.0))
+        reach = np.exp(min(float(special.stdtrit(ess[best] - 1.0, 0.975)) * cov, 700.0))
         grid = np.where(on_grid, np.nan_to_num(curve.known(looked), nan=-1.0), -1.0)
         top = int(grid.argmax())
         open_m = curve.open_sizes(found[j * SIZES_M.size : (j + 1) * SIZES_M.size])

@@ -6,14 +6,10 @@ Each comes for the experiment's own geometry, and with a column for each of seve
 from __future__ import annotations
 
 from collections.abc import Sequence
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 import pandas as pd
-from matplotlib.axes import Axes
-from matplotlib.cm import ScalarMappable
-from matplotlib.colors import LogNorm
-from matplotlib.figure import Figure
 
 from pl_mc.report.figures import bar_lengths, new_figure, note, series_style
 from pl_mc.report.findings import picture
@@ -21,6 +17,11 @@ from pl_mc.report.text import metres, span
 from pl_mc.statistics.intervals import clopper_pearson
 from pl_mc.studies.compare.tables import Comparison, same_curves, short_name
 from pl_mc.studies.spec import ByOneAxis
+
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
+    from matplotlib.colors import LogNorm
+    from matplotlib.figure import Figure
 
 _EVENTS = ("alarm", "missed", "misleading")
 _TESTED = ("alarm", "misleading")
@@ -36,6 +37,8 @@ def comparison_figure(counted: Comparison, experiment: ByOneAxis) -> Figure:
 
     One logarithmic scale of colours for all, which begins at one event; white is none at all.
     """
+    from matplotlib.colors import LogNorm
+
     methods, draws, title = counted.methods, int(counted.rates.draws.min()), experiment.title
     figure, axes = new_figure(
         1, 4, width_in=13.0, height_in=2.1 + 0.26 * len(methods), title=title, sharey=True,
@@ -57,6 +60,8 @@ def comparison_figure(counted: Comparison, experiment: ByOneAxis) -> Figure:
 @picture("methods", "Rates of events by method and bias, and availability.")
 def several_geometries_figure(day: Comparison, experiment: ByOneAxis) -> Figure:
     """Maps of rates, method by bias: a column for each geometry, a row for each event, and availability below."""
+    from matplotlib.colors import LogNorm
+
     count, names = len(day.methods), day.names
     # Few methods leave room for what stands beside them too.
     height = max(0.155 * count + 0.35, 2.2)
@@ -194,6 +199,8 @@ def _rate_curve(panel: Axes, rows: pd.DataFrame, event: str, number: int, **look
 
 
 def _colour_bar(figure: Figure, axes: Sequence[Axes], norm: LogNorm, label: str, **layout: Any) -> None:
+    from matplotlib.cm import ScalarMappable
+
     colours = ScalarMappable(norm=norm, cmap=_COLOURS)
     bar = figure.colorbar(colours, ax=axes, location="bottom", shrink=0.5, **layout)
     bar.set_label(label)

@@ -2,12 +2,16 @@
 
 from __future__ import annotations
 
+from typing import TYPE_CHECKING
+
 import numpy as np
 import pandas as pd
-from matplotlib.figure import Figure
 
 from pl_mc.report.figures import SeriesStyle, legend_below, new_figure, series_style
 from pl_mc.report.findings import picture
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
 
 # Behind the common six: more methods than elsewhere stand side by side here.
 _FURTHER = (

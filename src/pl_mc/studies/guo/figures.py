@@ -3,14 +3,11 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 import pandas as pd
-from matplotlib.figure import Figure
-from matplotlib.ticker import MaxNLocator
 from numpy.typing import NDArray
-from scipy import stats
 
 from pl_mc.engine.detect_runs import EQUAL_P_FA, LEVELS, NOMINAL
 from pl_mc.geometry.record import SYSTEM_NAMES
@@ -18,6 +15,9 @@ from pl_mc.report.figures import SeriesStyle, in_common_look, legend_below, new_
 from pl_mc.report.findings import picture
 from pl_mc.report.text import percent
 from pl_mc.studies.guo.paper import LETTERS, paper_rate
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
 
 FloatArray = NDArray[np.float64]
 
@@ -41,6 +41,8 @@ def residual_figure(by_system: Mapping[str, tuple[FloatArray, FloatArray]], *, t
     ``by_system`` has by system letter the least-squares residuals V = A dX - L of all epochs, and the standard
     deviations that go with them [m].
     """
+    from scipy import stats
+
     heading = f"{title}: residuals without a fault"
     figure, axes = new_figure(1, 2, width_in=9.0, height_in=3.6, title=heading, sharey=True)
     span = 4.0 * max(float(np.std(residuals_m)) for residuals_m, _ in by_system.values())
@@ -69,6 +71,8 @@ def satellites_figure(
     epoch: NDArray[np.int64], counts: Mapping[str, NDArray[np.int64]], pdop: FloatArray, *, title: str
 ) -> Figure:
     """Figure 2: satellites in view of each system, by its letter, and PDOP without weights, all (e,)."""
+    from matplotlib.ticker import MaxNLocator
+
     heading = f"{title}: satellites and PDOP"
     figure, (top, bottom) = new_figure(2, 1, width_in=8.0, height_in=5.0, title=heading, sharex=True)
     for k, (letter, count) in enumerate(counts.items()):

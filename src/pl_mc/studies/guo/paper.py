@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 import pandas as pd
 from numpy.typing import ArrayLike, NDArray
-from scipy import optimize, special
+from scipy import special
 
 from pl_mc.engine.detect_runs import NOMINAL
 from pl_mc.geometry import Geometry
@@ -93,6 +93,8 @@ def variance_factors(g: Geometry, faulted_row: NDArray[np.int64], p_fa: float) -
         and ``rate_<bias>m``, the rates at all three biases with that factor; of a paper's rate of 0 the factor is
         the smallest at which no detection in 2880 epochs has a probability of at least one half.
     """
+    from scipy import optimize
+
     quantities = ls_quantities(g)
     at = np.flatnonzero((faulted_row >= 0) & quantities.available)
     dof = quantities.dof[at].astype(float)

@@ -3,17 +3,18 @@
 from __future__ import annotations
 
 import textwrap
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 import pandas as pd
-from matplotlib.axes import Axes
-from matplotlib.figure import Figure
-from matplotlib.ticker import NullFormatter
 
 from pl_mc.report.figures import DASHED, bar_lengths, legend_key, method_label, new_figure, note, series_style
 from pl_mc.report.findings import picture
 from pl_mc.studies.spec import ByOneAxis
+
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
+    from matplotlib.figure import Figure
 
 _HEADINGS = {"alarm": "P(alarm), {limits}", "misleading": "P(misleading)"}
 _MOST_COLUMNS = 3
@@ -41,6 +42,8 @@ def noise_figure(factors: pd.DataFrame, experiment: ByOneAxis) -> Figure:
     An open triangle is the 95 % upper bound of what was never seen. A thin vertical line is the rate under Gaussian
     noise, for each method in its colour.
     """
+    from matplotlib.ticker import NullFormatter
+
     faults = list(dict.fromkeys(factors.fault))[:_MOST_COLUMNS]
     noises, methods = (list(dict.fromkeys(factors[column])) for column in ("noise", "method"))
     figure, axes = new_figure(

@@ -2,17 +2,18 @@
 
 from __future__ import annotations
 
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 import pandas as pd
-from matplotlib.axes import Axes
-from matplotlib.dates import AutoDateLocator, ConciseDateFormatter
-from matplotlib.figure import Figure
 
 from pl_mc.alert import Judged
 from pl_mc.report.figures import legend_below, limit_line, method_label, new_figure, series_style, shade
 from pl_mc.report.findings import picture
+
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
+    from matplotlib.figure import Figure
 
 # Lines of so few epochs have points; further apart than so many steps epochs are missing; levels up to so many times
 # the limit are drawn on a linear axis.
@@ -60,6 +61,8 @@ def error_figure(table: pd.DataFrame, *, judged: Judged, title: str) -> Figure:
 
 def time_axis(panel: Axes, times: pd.Series | pd.DatetimeIndex) -> None:
     """The horizontal axis in GPS time, with the days."""
+    from matplotlib.dates import AutoDateLocator, ConciseDateFormatter
+
     dates, ends = AutoDateLocator(), pd.DatetimeIndex(times)[[0, -1]]
     panel.xaxis.set_major_locator(dates)
     form = ConciseDateFormatter(dates, show_offset=False)

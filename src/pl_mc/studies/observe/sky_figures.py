@@ -3,11 +3,10 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 import pandas as pd
-from matplotlib.figure import Figure
 
 from pl_mc.alert import EITHER, AlertLimits, Judged, judged_by
 from pl_mc.engine.stanford import MISLEADING, REGIONS
@@ -20,6 +19,9 @@ from pl_mc.report.findings import Picture, picture
 from pl_mc.report.stanford import stanford_figure
 from pl_mc.studies.observe.figures import faulted_windows, longest_step, time_axis
 from pl_mc.studies.observe.stanford import regions_of, sizes_m
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
 
 # Cells of a diagram along an axis at the most, and how far beyond the limit it goes.
 _MOST_CELLS, _BEYOND_LIMIT = 150, 1.7

@@ -5,15 +5,10 @@ Tables are explained where they are made, in `pl_mc.studies.risk.tables`.
 
 from __future__ import annotations
 
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 import pandas as pd
-from matplotlib import patheffects
-from matplotlib.axes import Axes
-from matplotlib.colors import LogNorm
-from matplotlib.figure import Figure
-from matplotlib.projections.polar import PolarAxes
 
 from pl_mc.alert import VERTICAL, Judged
 from pl_mc.constants import K_HORIZONTAL, K_VERTICAL
@@ -29,6 +24,10 @@ from pl_mc.report.figures import (
     series_style,
 )
 from pl_mc.studies.risk.tables import EXACT
+
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
+    from matplotlib.figure import Figure
 
 # Below this a probability is nothing to anyone, and no axis goes there.
 _SMALLEST = 1e-20
@@ -248,6 +247,10 @@ def step_figure(steps: pd.DataFrame, worst: pd.DataFrame, *, judged: Judged, tit
 @in_common_look
 def sky_figure(worst: pd.DataFrame, g: Geometry, *, axis: str, title: str) -> Figure:
     """The sky of the epoch, each satellite coloured by its worst case of the first event, one panel per method."""
+    from matplotlib import patheffects
+    from matplotlib.colors import LogNorm
+    from matplotlib.projections.polar import PolarAxes
+
     event = worst.event.iloc[0]
     chosen = worst[worst.event == event]
     methods = list(dict.fromkeys(chosen.method))

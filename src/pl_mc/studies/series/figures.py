@@ -3,18 +3,19 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 import pandas as pd
-from matplotlib.axes import Axes
-from matplotlib.figure import Figure
-from matplotlib.ticker import MaxNLocator
 
 from pl_mc.alert import EITHER, Judged
 from pl_mc.report.accuracy import DIRECTIONS, ERRORS
 from pl_mc.report.figures import in_common_look, method_label, new_figure, shade, short_label
 from pl_mc.report.findings import picture
+
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
+    from matplotlib.figure import Figure
 
 # First and last epoch of each window with faults.
 Windows = Sequence[tuple[int, int]]
@@ -34,6 +35,8 @@ def satellites_figure(table: pd.DataFrame, *, windows: Windows, title: str) -> F
 
     ``table`` has ``epoch, time, satellites``.
     """
+    from matplotlib.ticker import MaxNLocator
+
     first = table.drop_duplicates("epoch")
     figure, (axes,) = _over_epochs(table, windows, title=f"{title}: satellites in view", height_in=3.2)
     axes.step(first.epoch, first.satellites, where="mid", color=_FRONT, linewidth=0.9)
@@ -106,6 +109,8 @@ def flight_figure(flight: pd.DataFrame, *, title: str) -> Figure:
 
     ``flight`` has ``epoch, latitude_deg, longitude_deg, height_m, bank_deg``.
     """
+    from matplotlib.ticker import MaxNLocator
+
     heading = f"{title}: the flight"
     figure, (above, height, bank) = new_figure(1, 3, width_in=11.0, height_in=4.2, title=heading)
     above.plot(flight.longitude_deg, flight.latitude_deg, color=_FRONT, linewidth=0.7)

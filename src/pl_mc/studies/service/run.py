@@ -4,11 +4,10 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from dataclasses import dataclass
-from typing import Any, Literal
+from typing import TYPE_CHECKING, Any, Literal
 
 import numpy as np
 import pandas as pd
-from matplotlib.figure import Figure
 from numpy.typing import NDArray
 from pydantic import Field
 
@@ -39,6 +38,9 @@ from pl_mc.service.volume import (
 from pl_mc.studies.service.text import rows_of, summary
 from pl_mc.studies.spec import Experiment, MethodChoice, NoiseChoice
 from pl_mc.studies.study import Check, Work
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
 
 # Sites of the lists of the worst.
 WORST = 10

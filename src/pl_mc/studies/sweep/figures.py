@@ -6,13 +6,10 @@ All take the axis that decides, with its limits, and a title.
 from __future__ import annotations
 
 from collections.abc import Iterator
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 import pandas as pd
-from matplotlib.axes import Axes
-from matplotlib.colors import LogNorm, Normalize
-from matplotlib.figure import Figure
 
 from pl_mc.alert import EITHER, Judged
 from pl_mc.report.figures import (
@@ -25,6 +22,10 @@ from pl_mc.report.figures import (
     note,
     series_style,
 )
+
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
+    from matplotlib.figure import Figure
 
 
 def _level_words(judged: Judged) -> str:
@@ -148,6 +149,8 @@ def satellite_figure(rates: pd.DataFrame, satellites: pd.DataFrame, *, judged: J
         rates: a sweep's table with the column ``satellite``.
         satellites: ``satellite, elevation_deg, redundancy``.
     """
+    from matplotlib.colors import LogNorm, Normalize
+
     methods = list(dict.fromkeys(rates.method))
     facts = satellites.sort_values("redundancy").set_index("satellite")
     labels = [f"{row.Index}  r {row.redundancy:.2f}  {row.elevation_deg:2.0f}°" for row in facts.itertuples()]
@@ -187,6 +190,8 @@ def map_figure(rates: pd.DataFrame, *, event: str, judged: Judged, title: str) -
         rates: ``epoch, satellite, method, draws``, ``<event>_rate`` and ``<event>_high``.
         event: ``alarm``, ``missed`` or ``misleading``.
     """
+    from matplotlib.colors import LogNorm, Normalize
+
     methods = list(dict.fromkeys(rates.method))
     satellites = sorted(rates.satellite.unique(), key=lambda name: ("GCER".index(name[0]), name))
     places = np.arange(len(satellites))

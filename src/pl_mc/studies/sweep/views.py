@@ -3,11 +3,10 @@
 from __future__ import annotations
 
 from collections.abc import Iterable
-from typing import Any, Literal
+from typing import TYPE_CHECKING, Any, Literal
 
 import numpy as np
 import pandas as pd
-from matplotlib.figure import Figure
 
 from pl_mc.alert import EITHER, HORIZONTAL, VERTICAL, Judged
 from pl_mc.engine import Execution, sample
@@ -24,6 +23,9 @@ from pl_mc.studies.planned_sweep import PlannedSweep
 from pl_mc.studies.sweep import figures
 from pl_mc.studies.sweep.record import SweepExperiment
 from pl_mc.studies.sweep.text import EVENTS, faults_summary, map_summary, of_axis, satellites_summary
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
 
 # Draws whose protection levels are kept one by one, for medians and quantiles.
 LEVEL_DRAWS = 2000

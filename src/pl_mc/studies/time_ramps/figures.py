@@ -4,21 +4,22 @@ from __future__ import annotations
 
 import textwrap
 from collections.abc import Sequence
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 import pandas as pd
-from matplotlib.axes import Axes
-from matplotlib.axis import Axis
-from matplotlib.figure import Figure
-from matplotlib.lines import Line2D
-from matplotlib.ticker import FixedLocator, FuncFormatter, NullLocator
 
 from pl_mc.alert import Judged
 from pl_mc.report.figures import SeriesStyle, bar_lengths, legend_key, limit_line, new_figure, series_style
 from pl_mc.report.findings import picture
 from pl_mc.report.text import grouped
 from pl_mc.time_ramps.timing import LIMITS_S
+
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
+    from matplotlib.axis import Axis
+    from matplotlib.figure import Figure
+    from matplotlib.lines import Line2D
 
 # More methods than the common look has styles for.
 _FURTHER = (
@@ -115,6 +116,8 @@ def _line(panel: Axes, x: pd.Series, y: pd.Series, style: SeriesStyle) -> None:
 
 def _plain_ticks(axis: Axis, places: Sequence[float]) -> None:
     """Ticks at these places and no others, as plain numbers."""
+    from matplotlib.ticker import FixedLocator, FuncFormatter, NullLocator
+
     axis.set_major_locator(FixedLocator(places))
     axis.set_minor_locator(NullLocator())
     axis.set_major_formatter(FuncFormatter(lambda value, _: f"{value:g}"))

@@ -2,10 +2,10 @@
 
 from __future__ import annotations
 
+from typing import TYPE_CHECKING
+
 import numpy as np
 import pandas as pd
-from matplotlib.axes import Axes
-from matplotlib.figure import Figure
 
 from pl_mc.alert import Judged
 from pl_mc.report.figures import (
@@ -19,6 +19,10 @@ from pl_mc.report.figures import (
     series_style,
 )
 from pl_mc.studies.tuning.text import PRICES
+
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
+    from matplotlib.figure import Figure
 
 _LABELS = {
     "exact": "least squares, exact",

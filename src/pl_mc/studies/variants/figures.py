@@ -2,15 +2,17 @@
 
 from __future__ import annotations
 
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import pandas as pd
-from matplotlib.axes import Axes
-from matplotlib.figure import Figure
 
 from pl_mc.alert import Judged
 from pl_mc.report.figures import DOTTED, SeriesStyle, in_common_look, new_figure, note, series_style
 from pl_mc.statistics.intervals import clopper_pearson
+
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
+    from matplotlib.figure import Figure
 
 # Drawn in every panel: what the variants are compared with. The default is broad and pale below the others: to be
 # seen where they coincide.

@@ -1,0 +1,34 @@
+"""Our own among the artists of matplotlib, which is loaded with this file: where something is drawn, not before."""
+
+from __future__ import annotations
+
+import re
+
+from matplotlib.figure import Figure
+from matplotlib.ticker import LogFormatterSciNotation
+
+# Labels of logarithmic axes as matplotlib makes them: a factor, if any, and an exponent.
+_POWER = re.compile(r"^\$\\mathdefault\{(?:(\S+)\\times ?)?10\^\{([-0-9]+)\}\}\$$")
+_RAISED = str.maketrans("-0123456789", "⁻⁰¹²³⁴⁵⁶⁷⁸⁹")
+
+
+class Undrawn(Figure):
+    """What stands for a figure that could not be drawn, which costs that figure alone.
+
+    Args:
+        reason: why, within a sentence.
+    """
+
+    def __init__(self, reason: str) -> None:
+        super().__init__()
+        self.reason = reason
+
+
+class Powers(LogFormatterSciNotation):
+    """Powers of ten in raised digits: nothing on a figure is parsed as mathematics, the names of users least of all."""
+
+    def __call__(self, x: float, pos: int | None = None) -> str:
+        def plain(found: re.Match[str]) -> str:
+            return (f"{found[1]} × " if found[1] else "") + "10" + found[2].translate(_RAISED)
+
+        return _POWER.sub(plain, super().__call__(x, pos))
