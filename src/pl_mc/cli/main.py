@@ -1,7 +1,8 @@
 """The command line, ``pl-mc``: one file beside this one for each sort of command.
 
-Exit codes: 0 done, 2 input that cannot be used (a sentence for each error on standard error), 130 interrupted by
-Ctrl-C, 143 by SIGTERM, 129 by SIGHUP, 141 by the end of a pipe. Nothing is left half-written by any of them.
+Exit codes: 0 done, 1 where a check finds something, 2 input that cannot be used (a sentence for each error on
+standard error), 130 interrupted by Ctrl-C, 143 by SIGTERM, 129 by SIGHUP, 141 by the end of a pipe. Nothing is left
+half-written by any of them.
 """
 
 from __future__ import annotations
@@ -29,9 +30,9 @@ app = App(
 Begin with `pl-mc list`, `pl-mc run ramp`, and open `runs/ramp/report.html`. For an experiment of your own:
 `pl-mc init --out my.toml`, `pl-mc check my.toml`, `pl-mc run my.toml`. `pl-mc COMMAND --help` shows examples.
 """,
-    help_epilogue="""Exit codes: 0 done; 2 input that cannot be used, with a sentence for each error on standard
-error; 130 interrupted (143 by SIGTERM, 129 by SIGHUP); 141 where nobody reads the output. Nothing is left
-half-written.
+    help_epilogue="""Exit codes: 0 done; 1 where a check (`verify`, `conform`) finds something; 2 input that cannot be
+used, with a sentence for each error on standard error; 130 interrupted (143 by SIGTERM, 129 by SIGHUP); 141 where
+nobody reads the output. Nothing is left half-written.
 
 Results go to standard output, progress and errors to standard error. Colours appear on terminals alone,
 and not where NO_COLOR is set. Compiled programs are kept in the user's cache folder for the next run, unless
@@ -48,6 +49,7 @@ app.command(drafting.init)
 app.command(drafting.check)
 app.command(reading.report)
 app.command(reading.compare)
+app.command(reading.verify)
 app.command(running.observe)
 app.command(running.merge)
 app.command(running.bench)

@@ -1,10 +1,11 @@
-"""``pl-mc report``, ``compare``: commands that read results."""
+"""``pl-mc report``, ``compare``, ``verify``: commands that read results."""
 
 from __future__ import annotations
 
 from pathlib import Path
 
-from pl_mc.cli.printing import Json, Quiet, print_json, result_content
+from pl_mc.cli.printing import Flag, Json, Progress, Quiet, print_json, result_content
+from pl_mc.input_errors import InputError
 
 
 def report(folder: Path, /, *, json: Json = False, quiet: Quiet = False) -> None:
@@ -65,3 +66,38 @@ def compare(first: Path, second: Path, /, *, out: Path | None = None, json: Json
     else:
         print(made.comparison.text)
         print(f"Comparison: {made.folder}")
+
+
+def verify(
+    folder: Path, /, *, partial: Flag = False, redo: Flag = False, progress: Progress = None, json: Json = False,
+    quiet: Quiet = False,
+) -> int:  # fmt: skip
+    """Hold a results folder against its manifest: files, inputs, and with `--redo` the numbers. Exit code 1 where one
+    differs.
+
+    Example: `pl-mc verify results/ramp --partial --redo`
+
+    Parameters
+    ----------
+    folder
+        A results folder.
+    partial
+        Files that are not there were left out on purpose.
+    redo
+        Run the experiment again, elsewhere, and say what comes out different and why it may.
+    json
+        Print what was found as JSON.
+    quiet
+        Print the last line alone.
+    """
+    from pl_mc.experiments.verifying import verify as verified
+
+    if progress is not None and not redo:
+        raise InputError("--progress: it does nothing without --redo; leave it out.")
+    found = verified(folder, partial=partial, redo=redo, progress=progress)
+    if json:
+        print_json(found.content())
+    else:
+        for sentence in found.sentences()[-1 if quiet else 0 :]:
+            print(sentence)
+    return 0 if found.passed else 1

@@ -140,19 +140,37 @@ def write_manifest(folder: Path, *, name: str, experiment: Experiment, notes: Se
         "noise": {"generator": "threefry2x32", "lanes_per_block": LANES},
         "cut": {"scenarios_per_call": plan.SCENARIOS_PER_CALL, "calls_per_part": plan.CALLS_PER_PART},
         "notes": list(notes),
-        "versions": {"python": platform.python_version()} | {p: importlib.metadata.version(p) for p in _RECORDED},
+        "versions": recorded_versions(),
         "machine": {"system": platform.system(), **environment()},
         "seconds": round(seconds, 2),
-        "files": {path.name: _hash_of(path) for path in sorted(folder.iterdir()) if path.is_file()},
+        "files": {path.name: file_hash(path) for path in sorted(folder.iterdir()) if path.is_file()},
     }
-    content["sha256"] = _hash(content)
-    write_whole(folder / MANIFEST, json.dumps(content, indent=2, ensure_ascii=False) + "\n")
+    _write_manifest(folder, content)
+
+
+def recorded_versions() -> dict[str, str]:
+    """Versions of Python and of the packages that can change a number or a picture."""
+    return {"python": platform.python_version()} | {name: importlib.metadata.version(name) for name in _RECORDED}
+
+
+def record_page(folder: Path, page: str) -> None:
+    """Add the hash of a page, which is made of the manifest among others, to it; not to a manifest that was changed."""
+    manifest = parsed_json(read_text(folder / MANIFEST), path=folder / MANIFEST)
+    total, files = manifest.pop("sha256", None), manifest.get("files")
+    if total == content_hash(manifest) and isinstance(files, dict):
+        files[page] = file_hash(folder / page)
+        _write_manifest(folder, manifest)
+
+
+def _write_manifest(folder: Path, content: Mapping[str, Any]) -> None:
+    whole = {**content, "sha256": content_hash(content)}
+    write_whole(folder / MANIFEST, json.dumps(whole, indent=2, ensure_ascii=False) + "\n")
 
 
 def input_hashes(experiment: Experiment) -> dict[str, dict[str, str]]:
     """Names and hashes of the files that an experiment reads, by field."""
     files = dict(experiment.input_files()) | ism_files(experiment.model_dump(mode="json"))
-    return {field: {"file": path.name, "sha256": _hash_of(path)} for field, path in files.items()}
+    return {field: {"file": path.name, "sha256": file_hash(path)} for field, path in files.items()}
 
 
 class Unfinished:
@@ -201,7 +219,7 @@ class Unfinished:
                 )
         try:
             self.folder.mkdir(parents=True, exist_ok=True)
-            write_whole(self.folder / RECORD, json.dumps(content | {"sha256": _hash(content)}, indent=2) + "\n")
+            write_whole(self.folder / RECORD, json.dumps(content | {"sha256": content_hash(content)}, indent=2) + "\n")
         except OSError as error:
             reason = system_reason(error)
             raise InputError(f"{self.results}: the output folder cannot be written to ({reason}).") from None
@@ -220,7 +238,7 @@ def read_record(folder: Path) -> dict[str, Any]:
     try:
         content = parsed_json(read_text(folder / RECORD), path=folder / RECORD)
         found = {"name": content["name"], "experiment": dict(content["experiment"])}
-        if content.get("sha256", _hash(found)) != _hash(found):
+        if content.get("sha256", content_hash(found)) != content_hash(found):
             raise ValueError
     except (OSError, ValueError, KeyError, TypeError, AttributeError):
         raise InputError(f"{folder}: no record of an unfinished run ({RECORD}) is here, or it is damaged.") from None
@@ -244,12 +262,12 @@ def require_as_written(folder: Path) -> None:
     """Raise `InputError` where a file of a finished run is not what the run wrote, as far as its manifest says."""
     manifest = parsed_json(read_text(folder / MANIFEST), path=folder / MANIFEST)
     total, files = manifest.pop("sha256", None), manifest.get("files", {})
-    if total not in (None, _hash(manifest)):
+    if total not in (None, content_hash(manifest)):
         changed = [MANIFEST]
     else:
         # What somebody has removed is no damage.
         there = [folder / name for name in files if os.path.lexists(folder / name)] if isinstance(files, dict) else []
-        changed = [path.name for path in there if not path.is_file() or _hash_of(path) != files[path.name]]
+        changed = [path.name for path in there if not path.is_file() or file_hash(path) != files[path.name]]
     if changed:
         raise InputError(
             f"{folder / changed[0]}: it is not what the run wrote; without --resume the run is counted anew and "
@@ -257,11 +275,13 @@ def require_as_written(folder: Path) -> None:
         )
 
 
-def _hash_of(path: Path) -> str:
+def file_hash(path: Path) -> str:
+    """SHA-256 of a file."""
     return hashlib.sha256(path.read_bytes()).hexdigest()
 
 
-def _hash(content: Mapping[str, Any]) -> str:
+def content_hash(content: Mapping[str, Any]) -> str:
+    """SHA-256 of a record, whatever the order of its fields."""
     return hashlib.sha256(json.dumps(content, sort_keys=True).encode()).hexdigest()
 
 

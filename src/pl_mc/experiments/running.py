@@ -22,6 +22,7 @@ from pl_mc.experiments.output import (
     Unfinished,
     absolute,
     read_record,
+    record_page,
     require_as_written,
     require_finished_alike,
     result_folder,
@@ -112,6 +113,7 @@ def run_experiment(
         seconds = time.perf_counter() - begin
         write_manifest(working, name=name, experiment=experiment, notes=document.notes, seconds=seconds)
         write_page(read_run_folder(working), meanings=meanings_of(experiment), shown_as=folder)
+        record_page(working, PAGE)
     notes = tuple(dict.fromkeys([*said, *document.notes]))
     summary = to_markdown(document.title, document.summary, notes)
     return RunResult(folder=folder, summary=summary, notes=notes, answer=document.answer, page=PAGE)

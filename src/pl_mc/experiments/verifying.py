@@ -1,0 +1,192 @@
+"""Whether a results folder is what its run wrote, and whether the run gives the same again."""
+
+from __future__ import annotations
+
+import os
+import platform
+import tempfile
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pandas as pd
+
+from pl_mc.engine import Execution
+from pl_mc.engine.part_task import environment
+from pl_mc.experiments.loading import load_experiment
+from pl_mc.experiments.output import content_hash, file_hash, input_hashes, recorded_versions
+from pl_mc.experiments.running import run_experiment
+from pl_mc.input_errors import InputError
+from pl_mc.report.page import PAGE
+from pl_mc.report.run_folder import MANIFEST, changed_fields, read_run_folder
+from pl_mc.runtime.small_files import parsed_json, read_text
+
+# What says numbers in a form that can be compared cell by cell.
+_TABLE = ".csv"
+
+
+@dataclass(frozen=True)
+class Verified:
+    """What was found of a results folder.
+
+    Attributes:
+        folder: the folder.
+        intact: files that are as the run wrote them.
+        changed: files that are not, the manifest among them.
+        missing: files that the run wrote and that are not there.
+        foreign: files that are there and that the run did not write.
+        inputs: sentences about files that the run read and that are not as they were.
+        redone: sentences about files that another run gives otherwise; None where it was not run again.
+        same: files that another run gives bitwise equal.
+        notes: what else may explain a difference, and what could not be held against anything.
+    """
+
+    folder: Path
+    intact: tuple[str, ...]
+    changed: tuple[str, ...]
+    missing: tuple[str, ...]
+    foreign: tuple[str, ...]
+    inputs: tuple[str, ...]
+    redone: tuple[str, ...] | None = None
+    same: tuple[str, ...] = ()
+    notes: tuple[str, ...] = ()
+
+    @property
+    def passed(self) -> bool:
+        """Whether every file is there as it was written, inputs too, and another run gave the same."""
+        return not (self.changed or self.missing or self.foreign or self.inputs or self.redone)
+
+    def content(self) -> dict[str, Any]:
+        """What is printed as JSON."""
+        fields = ("intact", "changed", "missing", "foreign", "inputs", "same", "notes")
+        redone = None if self.redone is None else list(self.redone)
+        found = {name: list(getattr(self, name)) for name in fields}
+        return {"folder": str(self.folder), "passed": self.passed} | found | {"redone": redone}
+
+    def sentences(self) -> list[str]:
+        """What is printed, the outcome last."""
+        said = [f"{name}: it is not what the run wrote." for name in self.changed]
+        said += [f"{name}: the run wrote it, and it is not here." for name in self.missing]
+        said += [f"{name}: the run did not write it." for name in self.foreign]
+        said += [*self.inputs, *(self.redone or ()), *self.notes]
+        files = len(self.intact) + len(self.changed) + len(self.missing)
+        end = f"{self.folder}: {len(self.intact)} of {files} files are as the run wrote them"
+        if self.redone is not None:
+            end += f"; run again, {len(self.same)} of {len(self.same) + len(self.redone)} came out bitwise equal"
+        return [*said, f"{end}."]
+
+
+def verify(folder: Path, *, partial: bool = False, redo: bool = False, progress: bool | None = None) -> Verified:
+    """Hold a results folder against its manifest.
+
+    Args:
+        folder: a results folder.
+        partial: whether files that are not there were left out on purpose.
+        redo: whether to run the experiment again, elsewhere, and to compare what is in the folder with what that gives.
+        progress: whether to show a progress bar.
+
+    Raises:
+        InputError: a folder without a finished run, a manifest that names no files, or files that cannot be read.
+    """
+    folder = Path(folder)
+    read_run_folder(folder)
+    manifest = parsed_json(read_text(folder / MANIFEST), path=folder / MANIFEST)
+    total, files = manifest.pop("sha256", None), manifest.get("files")
+    if not isinstance(files, dict) or not files or total is None:
+        raise InputError(f"{folder / MANIFEST}: it names no hashes of files, as those of version 0.1.0 do not.")
+    changed = [] if total == content_hash(manifest) else [MANIFEST]
+    there = [name for name in files if os.path.lexists(folder / name)]
+    changed += [name for name in there if not _is_as_written(folder / name, files[name])]
+    found = Verified(
+        folder=folder,
+        intact=tuple(name for name in there if name not in changed),
+        changed=tuple(changed),
+        missing=() if partial else tuple(sorted(set(files) - set(there))),
+        foreign=tuple(_foreign(folder, files)),
+        inputs=tuple(_inputs(folder, manifest)) if MANIFEST not in changed else (),
+        notes=() if PAGE in files else (f"{PAGE}: the run was of a version that kept no hash of it.",),
+    )
+    return _redone(found, manifest, progress) if redo and MANIFEST not in changed else found
+
+
+def _is_as_written(path: Path, wanted: object) -> bool:
+    return path.is_file() and not path.is_symlink() and file_hash(path) == wanted
+
+
+def _foreign(folder: Path, files: Mapping[str, str]) -> list[str]:
+    known = {*files, MANIFEST, PAGE}
+    return sorted(path.name for path in folder.iterdir() if path.name not in known)
+
+
+def _inputs(folder: Path, manifest: Mapping[str, Any]) -> list[str]:
+    """A sentence for each file that the run read and that is not what it was."""
+    recorded = manifest.get("inputs")
+    if not recorded:
+        return []
+    _, experiment = load_experiment(str(folder / MANIFEST))
+    try:
+        now = input_hashes(experiment)
+    except OSError as error:
+        return [f"{error.filename}: the run read it, and it cannot be read."]
+    return [f"{field}: {was} then, {is_} now." for field, was, is_ in changed_fields(recorded, now)]
+
+
+def _redone(found: Verified, manifest: Mapping[str, Any], progress: bool | None) -> Verified:
+    """The same with what another run gives."""
+    name, experiment = load_experiment(str(found.folder / MANIFEST))
+    with tempfile.TemporaryDirectory(prefix="pl-mc-verify-") as place:
+        # The name of the folder may stand in its page.
+        again = Path(place, found.folder.name or name)
+        run_experiment(name, experiment, again, execution=Execution(progress=progress))
+        # A page names versions, machine and time.
+        compared = [file for file in manifest["files"] if file != PAGE and (found.folder / file).is_file()]
+        same = [file for file in compared if _equal(found.folder / file, again / file)]
+        others = [_difference(found.folder / file, again / file) for file in compared if file not in same]
+    notes = list(found.notes)
+    if others:
+        notes += _explanations(manifest)
+    return Verified(**(vars(found) | {"redone": tuple(others), "same": tuple(same), "notes": tuple(notes)}))
+
+
+def _equal(one: Path, other: Path) -> bool:
+    return other.is_file() and one.read_bytes() == other.read_bytes()
+
+
+def _difference(one: Path, other: Path) -> str:
+    """What is different in a file that is not the same."""
+    if not other.is_file():
+        return f"{one.name}: another run does not write it."
+    if one.suffix != _TABLE:
+        return f"{one.name}: another run writes it otherwise."
+    before, now = (pd.read_csv(path, keep_default_na=False, na_values=[""]) for path in (one, other))
+    if list(before.columns) != list(now.columns) or len(before) != len(now):
+        shapes = " and ".join(f"{len(table):,} rows of {len(table.columns)} columns" for table in (before, now))
+        return f"{one.name}: another run writes other rows or columns ({shapes})."
+    worst = max((_apart(before[name], now[name]), name) for name in before.columns)
+    if worst[0] == 0.0:
+        return f"{one.name}: the same numbers, written otherwise."
+    size = "other words" if np.isinf(worst[0]) else f"by up to {worst[0]:.1g} of its value"
+    return f"{one.name}: {worst[1]} comes out different ({size})."
+
+
+def _apart(before: pd.Series, now: pd.Series) -> float:
+    """The largest relative difference of two columns; infinite where words differ or one alone is a number."""
+    numbers = [pd.to_numeric(column, errors="coerce").to_numpy(float) for column in (before, now)]
+    words = [column.astype(str).to_numpy() for column in (before, now)]
+    plain = np.isfinite(numbers[0]) & np.isfinite(numbers[1])
+    if (words[0] != words[1])[~plain].any():
+        return float("inf")
+    first, second = (values[plain] for values in numbers)
+    size = np.maximum(np.abs(first), np.abs(second))
+    return float(np.max(np.abs(first - second) / np.where(size > 0, size, 1.0), initial=0.0))
+
+
+def _explanations(manifest: Mapping[str, Any]) -> Sequence[str]:
+    """What is different between then and now, and may be the reason."""
+    now = {"versions": recorded_versions(), "machine": {"system": platform.system(), **environment()}}
+    changed = changed_fields({part: manifest.get(part, {}) for part in now}, now)
+    if not changed:
+        return ["Versions and processor are those of the run: nothing explains a difference."]
+    return [f"What may be the reason: {'; '.join(f'{field}: {was} then, {is_} now' for field, was, is_ in changed)}."]
