@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import functools
 from collections.abc import Callable, Iterable, Sequence
+from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Literal, ParamSpec
@@ -17,6 +18,7 @@ if TYPE_CHECKING:
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
     from matplotlib.lines import Line2D
+    from PIL.Image import Image
 
 _LOOK: Any = {
     "svg.hashsalt": "pl_mc",
@@ -198,7 +200,7 @@ def _save(figure: Figure, folder: Path, name: str) -> None:
     from matplotlib.backends.backend_agg import FigureCanvasAgg
     from matplotlib.backends.backend_svg import FigureCanvasSVG
     from matplotlib.ticker import LogFormatter
-    from PIL import Image
+    from PIL.Image import fromarray
 
     from pl_mc.report.artists import Powers
 
@@ -212,8 +214,17 @@ def _save(figure: Figure, folder: Path, name: str) -> None:
         figure.set_dpi(150)
         canvas = FigureCanvasAgg(figure)
         canvas.draw()
-        image = Image.fromarray(np.asarray(canvas.buffer_rgba())).convert("RGB")
+        image = fromarray(np.asarray(canvas.buffer_rgba())).convert("RGB")
         figure.set_layout_engine("none")
-        FigureCanvasSVG(figure).print_svg(folder / f"{name}.svg", metadata={"Date": None, "Creator": None})
-    few = image.quantize(256, dither=Image.Dither.NONE)
-    few.save(folder / f"{name}.png", optimize=True, dpi=(150, 150))
+        # Colours are counted and bytes are packed outside Python, while it writes the other file.
+        with ThreadPoolExecutor(1) as beside:
+            packed = beside.submit(_save_png, image, folder / f"{name}.png")
+            FigureCanvasSVG(figure).print_svg(folder / f"{name}.svg", metadata={"Date": None, "Creator": None})
+        packed.result()
+
+
+def _save_png(image: Image, place: Path) -> None:
+    from PIL.Image import Dither
+
+    few = image.quantize(256, dither=Dither.NONE)
+    few.save(place, optimize=True, dpi=(150, 150))
