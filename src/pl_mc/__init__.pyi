@@ -34,6 +34,7 @@ from pl_mc.service.volume import service_volume as service_volume
 from pl_mc.statistics import exact as exact
 from pl_mc.statistics import reliability as reliability
 from pl_mc.statistics.fitting import fit_overbound as fit_overbound
+from pl_mc.time_ramps import sequential_levels as sequential_levels
 from pl_mc.time_ramps import time_to_alert as time_to_alert
 
 # Records that are called like functions.

@@ -177,7 +177,11 @@ def calls() -> Mapping[str, Call]:
         "pl_mc.time_to_alert": {
             "g_series": minutes, "satellite": "G01", "rates_m_per_s": [0.5], "methods": ("ls",), "tau_s": 100.0,
             "draws": 20, "seed": 1, "share": 0.5, "onset_s": 100.0, "p_fa": 0.1, "calibration_draws": 100,
-            "alert": pl_mc.LPV_200, "axis": "horizontal",
+            "alert": pl_mc.LPV_200, "axis": "horizontal", "smoothing_s": 50.0,
+        },
+        "pl_mc.sequential_levels": {
+            "g_series": minutes, "satellite": "G01", "rates_m_per_s": [0.5], "banks": (pl_mc.time_ramps.FilterBank(),),
+            "tau_s": 100.0, "share": 0.5, "smoothing_s": 50.0, "onset_s": 100.0, "alert": pl_mc.LPV_200,
         },
         "pl_mc.time_ramps.sequential": {"name": "kalman"},
         "pl_mc.exposure": drawn | {"tau_s": 100.0, "duration_s": 3.0, "interval_s": 1.0, "progress": False},
