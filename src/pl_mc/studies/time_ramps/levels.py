@@ -109,7 +109,7 @@ def levels_figure(table: pd.DataFrame, *, judged: Judged, title: str) -> Figure:
         lower.set_title(f"tau {tau:g} s: mean error when half alarm [m]")
         lower.set_xlabel("rate of the ramp [m/s]")
         limit_line(lower, limit_m, judged.limits())
-    plain_ticks(axes[len(taus)].yaxis, (2, 5, 10, 20, 50, 100, 200, 500))
+    plain_ticks(axes[len(taus)].yaxis, (1, 2, 3, 5, 7, 10, 15, 20, 30, 50, 70, 100, 200, 300, 500))
     keys = [legend_key(name, markersize=5, **series_style(k).look) for k, name in enumerate(names)]
     figure.legend(handles=keys, loc="outside lower center", ncols=3)
     return figure
