@@ -21,6 +21,7 @@ from pl_mc.faults import ramps as ramps
 from pl_mc.geometry import Geometry as Geometry
 from pl_mc.geometry import simulate as simulate
 from pl_mc.input_errors import InputError as InputError
+from pl_mc.integrity_risk.budget import continuity as continuity
 from pl_mc.integrity_risk.budget import risk_budget as risk_budget
 from pl_mc.integrity_risk.given_residuals import RiskBudget as RiskBudget
 from pl_mc.integrity_risk.given_residuals import level_risk as level_risk
