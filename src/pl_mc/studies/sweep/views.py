@@ -206,7 +206,7 @@ def _no_rates(g: Geometry, faults: Faults) -> pd.DataFrame:
 def _rates_chart(rates: pd.DataFrame, of: str = "", *menus: str) -> Chart:
     """Rates of events against the bias, with a menu of the axes where the table names any."""
     axes = ("axis",) if "axis" in rates else ()
-    return Chart(f"Rates of events against the bias{of}", ("method",), event_quantities(), menus=(*axes, *menus))
+    return Chart(f"Rates of events against the bias{of}", ("method",), event_quantities(rates), menus=(*axes, *menus))
 
 
 def _picture(name: str, figure: Figure, caption: str, one: Judged, judged: tuple[Judged, ...]) -> Picture:
