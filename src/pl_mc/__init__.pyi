@@ -21,6 +21,7 @@ from pl_mc.faults import ramps as ramps
 from pl_mc.geometry import Geometry as Geometry
 from pl_mc.geometry import simulate as simulate
 from pl_mc.input_errors import InputError as InputError
+from pl_mc.integrity_risk.budget import continuity as continuity
 from pl_mc.integrity_risk.budget import risk_budget as risk_budget
 from pl_mc.integrity_risk.given_residuals import RiskBudget as RiskBudget
 from pl_mc.integrity_risk.given_residuals import level_risk as level_risk
@@ -34,6 +35,7 @@ from pl_mc.service.volume import service_volume as service_volume
 from pl_mc.statistics import exact as exact
 from pl_mc.statistics import reliability as reliability
 from pl_mc.statistics.fitting import fit_overbound as fit_overbound
+from pl_mc.time_ramps import sequential_levels as sequential_levels
 from pl_mc.time_ramps import time_to_alert as time_to_alert
 
 # Records that are called like functions.

@@ -7,6 +7,7 @@ import pandas as pd
 import pytest
 from pydantic import ValidationError
 
+import pl_mc
 from pl_mc.engine import Execution
 from pl_mc.input_errors import InputError
 from pl_mc.studies.frontier import STUDY
@@ -75,6 +76,36 @@ def test_exclusions_and_faults_of_several_satellites() -> None:
     assert (others.sets == 1).all()
     assert (others.probability > pairs.error).all()
     assert others.contribution.isna().all()
+
+
+def test_continuity_is_that_of_the_function() -> None:
+    """Of the methods that have an exposure; what exclusion spares."""
+    ism = {
+        "name": "rates", "b_nom_m": 0.5, "r_sat_per_h": 1e-5, "mfd_sat_h": 1.0, "r_const_per_h": {"G": 1e-8, "E": 1e-4},
+        "mfd_const_h": 1.0,
+    }  # fmt: skip
+    timed = {"name": "araim", "standard": "v4.2", "budget": "LPV-200 v4.2", "ism": ism}
+    sky = {"name": "world", "count": 1, "mask_deg": 5, "constellations": ["ADD-24+24"], "error_model": "dual_frequency"}
+    changed = {"skies": [sky], "methods": [{"name": "araim"}, timed, timed | {"exclusion": "satellites"}]}
+    experiment = FrontierExperiment.model_validate(FEW | changed | {"continuity": 8e-5})
+    result = STUDY.found(experiment, Execution(progress=False))
+    table = result.data["continuity"]
+    detection, exclusion = experiment.method_records()[1:]
+    assert table.method.unique().tolist() == [detection.name, exclusion.name]
+    assert table.faults.tolist() == ["no fault", "satellites", "constellations", "total"] * 2
+    (g,) = experiment.skies[0].geometries(3)
+    own = pl_mc.continuity(g, (detection,), sizes_m=(10.0, 100.0), seed=3)
+    parts = table[table.method == detection.name].set_index("faults").contribution
+    assert parts["satellites"] == pytest.approx(own[own.fault.isin(g.names)].contribution.sum())
+    assert parts["total"] == pytest.approx(own.contribution.iloc[-1])
+    spared = table[table.method == exclusion.name].set_index("faults").contribution
+    assert spared["satellites"] < 0.1 * parts["satellites"]
+    assert spared["constellations"] == parts["constellations"]
+    text = "\n".join(str(block) for block in result.summary)
+    assert "8e-05 may be interrupted in all" in text
+    checks = dict(STUDY.checks(FrontierExperiment.model_validate(FEW | {"continuity": 1e-4}), None))
+    with pytest.raises(InputError, match="none of the methods has an exposure"):
+        checks["continuity"]()
 
 
 def test_wrong_assumptions_cost_risk(found) -> None:

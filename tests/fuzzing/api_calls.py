@@ -54,9 +54,16 @@ def _rows(g: pl_mc.Geometry) -> dict[str, Any]:
     return {"design": g.design, "sigma_m": g.sigma_m, "systems": g.systems, "names": g.names}
 
 
+@cache
+def _timed_araim() -> Any:
+    """ARAIM of v4.2 with rates of faults."""
+    ism = {"b_nom_m": 0.5, "r_sat_per_h": 1e-5, "mfd_sat_h": 1.0, "r_const_per_h": 1e-8, "mfd_const_h": 1.0}
+    return pl_mc.methods.method("araim", standard="v4.2", budget="LPV-200 v4.2", ism=ism)
+
+
 # Functions that compile for long; the tests leave them to the study.
 HEAVY = ("tune", "service_volume", "time_to_alert", "exposure", "calibrate", "risk", "risk_budget", "level_risk",
-         "detect", "examine", "solve", "sample", "sweep")  # fmt: skip
+         "continuity", "detect", "examine", "solve", "sample", "sweep")  # fmt: skip
 # Kernels are pure functions, used inside compiled ones: arrays that may be traced, which nothing can check.
 KERNELS = "pl_mc.kernels."
 # What takes no argument, and readers of files, which have studies of their own; records that functions return are not
@@ -165,6 +172,8 @@ def calls() -> Mapping[str, Call]:
                               "p_const": 1e-4, "bias": "worst", "weights": None} | rare,
         "pl_mc.level_risk": {"g": g, "method": "ls", "budget": {"p_sat": 1e-5}, "axis": "vertical",
                              "alert": pl_mc.LPV_200, "confidence": 0.95, "draws": 1024, "seed": 1},
+        "pl_mc.continuity": {"g": g, "methods": (_timed_araim(),), "sizes_m": (10.0,), "draws": 16, "rare_draws": 256,
+                             "seed": 1, "alert": pl_mc.LPV_200, "axis": "vertical", "required": 1e-4},
         "pl_mc.calibrate": {"g": g, "axis": "horizontal", "target": 1e-3, "faults": faults, "event": "exceeded",
                             "confidence": 0.95, "pooled": False, "draws": 2000} | rare,
         "pl_mc.tune": {"g": g, "method": "igg3", "target": 0.1, "objective": "vpl", "faults": faults, "draws": 500,
@@ -177,7 +186,11 @@ def calls() -> Mapping[str, Call]:
         "pl_mc.time_to_alert": {
             "g_series": minutes, "satellite": "G01", "rates_m_per_s": [0.5], "methods": ("ls",), "tau_s": 100.0,
             "draws": 20, "seed": 1, "share": 0.5, "onset_s": 100.0, "p_fa": 0.1, "calibration_draws": 100,
-            "alert": pl_mc.LPV_200, "axis": "horizontal",
+            "alert": pl_mc.LPV_200, "axis": "horizontal", "smoothing_s": 50.0,
+        },
+        "pl_mc.sequential_levels": {
+            "g_series": minutes, "satellite": "G01", "rates_m_per_s": [0.5], "banks": (pl_mc.time_ramps.FilterBank(),),
+            "tau_s": 100.0, "share": 0.5, "smoothing_s": 50.0, "onset_s": 100.0, "alert": pl_mc.LPV_200,
         },
         "pl_mc.time_ramps.sequential": {"name": "kalman"},
         "pl_mc.exposure": drawn | {"tau_s": 100.0, "duration_s": 3.0, "interval_s": 1.0, "progress": False},

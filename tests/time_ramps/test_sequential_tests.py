@@ -14,7 +14,8 @@ from scipy import stats
 import pl_mc
 from pl_mc.methods.raim_levels import thresholds
 from pl_mc.statistics.intervals import binomial_p_value
-from pl_mc.time_ramps.kalman_innovation import CONSTANT_VELOCITY, FilterPlan, KalmanInnovation, motion_model
+from pl_mc.time_ramps.filters import CONSTANT_VELOCITY, motion_model
+from pl_mc.time_ramps.kalman_innovation import FilterPlan, KalmanInnovation
 from pl_mc.time_ramps.passes import PassPlan, Signals, fault_free_signals, pass_plan
 from pl_mc.time_ramps.sequential_parity import SequentialParity, residual_maps, summed_covariance
 from pl_mc.time_ramps.signals import LANES, NoiseInTime, Rows, pass_key, rows_by_satellite, step_numbers, unit_ramp_m

@@ -15,7 +15,7 @@ from pl_mc.experiments.loading import build_experiment
 from pl_mc.experiments.running import run_experiment
 from pl_mc.input_errors import InputError
 from pl_mc.studies.time_ramps.run import comparable
-from pl_mc.time_ramps import KalmanInnovation, SequentialParity, time_to_alert
+from pl_mc.time_ramps import FilterBank, KalmanInnovation, SequentialParity, time_to_alert
 from pl_mc.time_ramps.passes import Watched, watch_sample
 from pl_mc.time_ramps.signals import pass_key, step_numbers
 from pl_mc.time_ramps.timing import calibrated, quantile_bounds, timing_columns
@@ -204,3 +204,25 @@ def test_the_experiment_writes_what_the_function_returns(table: pd.DataFrame, tm
         assert (tmp_path / "out" / name).stat().st_size > 20_000
     assert len(result.answer) == 3
     assert "slope, parity" in result.summary
+
+
+def test_an_experiment_with_a_bank_has_its_levels(tmp_path: Path) -> None:
+    content = {
+        "kind": "time-ramps", "title": "bank", "seed": 3, "alert": "LPV-200", "geometry": SKY, "satellite": "G11",
+        "rates_m_per_s": [0.0, 1.0], "taus_s": [60.0, 600.0], "smoothing_s": 100.0, "draws": 50,
+        "calibration_draws": 1000, "p_fa": 0.05, "onset_s": 100.0, "methods": [{"name": "ls"}],
+        "sequential": ["filter_bank", {"name": "filter_bank", "taus_s": [60.0, 60.0]}],
+    }  # fmt: skip
+    result = run_experiment("bank", build_experiment(content, source="test"), tmp_path / "out")
+    found = pd.read_csv(tmp_path / "out" / "levels.csv")
+    g = pl_mc.simulate(**SKY)
+    banks = (FilterBank(), FilterBank(taus_s=(60.0, 60.0)))
+    own = pl_mc.sequential_levels(g, "G11", [0.0, 1.0], banks, tau_s=600.0, onset_s=100.0)
+    later = found[found.tau_s == 600.0].reset_index(drop=True)
+    pd.testing.assert_frame_equal(later, own, check_dtype=False, rtol=1e-9)
+    assert (tmp_path / "out" / "levels.png").stat().st_size > 20_000
+    assert len(result.answer) == 3
+    # The bank that believes in 60 s is wrong about 600 s, and named.
+    assert "those of filter_bank(taus_s=60-60) rest on standard deviations that are exceeded" in result.answer[-1]
+    assert "## Levels, exactly" in result.summary
+    assert "code noise smoothed over 100 s" in result.summary

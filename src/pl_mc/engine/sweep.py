@@ -69,8 +69,10 @@ def sweep(
         A table with one row per method, axis and fault: ``method, fault, bias_m, epochs, draws``, the counts ``alarms,
         hazards, missed, exceeded, misleading, false_alarms, unavailable, unconverged, tied`` (defined in
         `pl_mc.kernels.events`), and for each of them ``<event>_rate, <event>_low, <event>_high``: count / draws with
-        95 % Clopper-Pearson bounds. A column ``axis`` follows the method where axes were given or the horizontal
-        one decides. For a single epoch, or ``by_epoch``, ``epoch`` stands in front instead of the
+        95 % Clopper-Pearson bounds. Where one of the methods names the satellite that it excludes these are followed
+        by ``right_exclusions, wrong_exclusions, failed_exclusions, no_exclusions``, of which each draw with a solution
+        is one (zero for methods that do not). A column ``axis`` follows the method where axes were given or the
+        horizontal one decides. For a single epoch, or ``by_epoch``, ``epoch`` stands in front instead of the
         number of ``epochs``. A fault counts at the epochs at which all its satellites are in view;
         ``table.attrs["notes"]`` says where they are not, ``table.attrs["unjudged"]`` which limit decides
         nothing.

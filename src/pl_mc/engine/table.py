@@ -11,11 +11,12 @@ from numpy.typing import NDArray
 
 from pl_mc.alert import VERTICAL
 from pl_mc.engine.task import PartCounts, SweepTask
-from pl_mc.kernels.events import EVENTS
+from pl_mc.kernels.events import EVENTS, EXCLUSIONS, Event
 from pl_mc.statistics.intervals import clopper_pearson, rate_columns, shared_noise_bounds
 
 CONFIDENCE = 0.95
 
+# Of every sweep; `count_columns` are those of a table.
 COUNT_COLUMNS = ["draws", *(event.count for event in EVENTS)]
 
 
@@ -35,7 +36,7 @@ class FaultTotals:
     def of(cls, task: SweepTask) -> FaultTotals:
         """Nothing counted yet."""
         faults, index = len(task.faults), task.plan.fault_index
-        counts = np.zeros((faults, task.rows, len(EVENTS)), dtype=np.int64)
+        counts = np.zeros((faults, task.rows, len(task.events)), dtype=np.int64)
         return cls(counts, np.zeros(faults, dtype=np.int64), index, np.zeros(len(index), dtype=bool))
 
     @property
@@ -63,7 +64,7 @@ class EpochTotals:
     @classmethod
     def of(cls, task: SweepTask) -> EpochTotals:
         """Nothing counted yet."""
-        shape = (*task.plan.fault_index.shape, task.rows, len(EVENTS))
+        shape = (*task.plan.fault_index.shape, task.rows, len(task.events))
         return cls(np.zeros(shape, dtype=np.int64), np.zeros(shape[0], dtype=np.int64))
 
     def add(self, task: SweepTask, part: PartCounts) -> None:
@@ -84,7 +85,7 @@ def epoch_table(task: SweepTask, totals: EpochTotals) -> pd.DataFrame:
         **_names(task, fault, row),
         "draws": totals.draws[place],
     }
-    table = with_rates(pd.DataFrame(columns | _count_columns(kept)))
+    table = with_rates(pd.DataFrame(columns | _count_columns(task, kept)))
     # Epoch by epoch, then method by method, the faults in the order in which they were asked for.
     return table.iloc[np.lexsort((fault, row, place))].reset_index(drop=True)
 
@@ -103,7 +104,7 @@ def fault_table(task: SweepTask, totals: FaultTotals) -> pd.DataFrame:
         "draws": np.tile(totals.draws[fault], rows),
     }
     kept = np.moveaxis(totals.counts[fault], 1, 0)  # (rows, faults, events)
-    return with_rates(pd.DataFrame(columns | _count_columns(kept)))
+    return with_rates(pd.DataFrame(columns | _count_columns(task, kept)))
 
 
 def _names(task: SweepTask, fault: NDArray[np.int64], row: NDArray[np.int64]) -> dict[str, object]:
@@ -116,9 +117,19 @@ def _names(task: SweepTask, fault: NDArray[np.int64], row: NDArray[np.int64]) ->
     }
 
 
-def _count_columns(counts: NDArray[np.int64]) -> dict[str, object]:
-    flat = counts.reshape(-1, len(EVENTS))
-    return {event.count: flat[:, k] for k, event in enumerate(EVENTS)}
+def _count_columns(task: SweepTask, counts: NDArray[np.int64]) -> dict[str, object]:
+    flat = counts.reshape(-1, len(task.events))
+    return {event.count: flat[:, k] for k, event in enumerate(task.events)}
+
+
+def events_in(table: pd.DataFrame) -> list[Event]:
+    """The events that a table of counts has."""
+    return [*EVENTS, *(event for event in EXCLUSIONS if event.count in table)]
+
+
+def count_columns(table: pd.DataFrame) -> list[str]:
+    """The columns of draws and counts that a table has."""
+    return ["draws", *(event.count for event in events_in(table))]
 
 
 def with_rates(counts: pd.DataFrame) -> pd.DataFrame:
@@ -129,7 +140,7 @@ def with_rates(counts: pd.DataFrame) -> pd.DataFrame:
     """
     draws = counts["draws"].to_numpy()
     columns: dict[str, NDArray] = {}
-    for event in EVENTS:
+    for event in events_in(counts):
         seen = counts[event.count].to_numpy()
         if "independent_draws" in counts:
             low, high = shared_noise_bounds(seen / draws, counts["independent_draws"], CONFIDENCE)
@@ -149,7 +160,8 @@ def sum_over_faults(table: pd.DataFrame, keys: Sequence[str], *, independent: pd
         keys: columns to keep.
         independent: by all or some of those keys, the draws with each epoch counted once.
     """
-    counts = table.groupby(list(keys), sort=False, dropna=False)[COUNT_COLUMNS].sum().reset_index()
+    columns = count_columns(table)
+    counts = table.groupby(list(keys), sort=False, dropna=False)[columns].sum().reset_index()
     shared = list(independent.index.names)
     counts = counts.merge(independent.rename("independent_draws").reset_index(), on=shared, how="left")
-    return with_rates(counts[[*keys, "draws", "independent_draws", *COUNT_COLUMNS[1:]]])
+    return with_rates(counts[[*keys, "draws", "independent_draws", *columns[1:]]])

@@ -25,14 +25,12 @@ from pl_mc.engine.part_task import Kind, array_fingerprint
 from pl_mc.engine.plan import Plan, make_plan
 from pl_mc.faults import Faults
 from pl_mc.geometry.record import Geometry
-from pl_mc.kernels.events import EVENTS, limits_of
+from pl_mc.kernels.events import EVENTS, Event, counted_events, limits_of
 from pl_mc.kernels.noise import LANES
 from pl_mc.kernels.parameters import as_trees
 from pl_mc.methods.base import Method
 from pl_mc.noise_models import GAUSSIAN, NoiseModel
 from pl_mc.runtime.precision import dtype_of
-
-_COUNTS = [event.count for event in EVENTS]
 
 # Shapes whose function this process has compiled: their first call need not run alone.
 _COMPILED: set[tuple[object, ...]] = set()
@@ -78,6 +76,11 @@ class SweepTask:
     def rows(self) -> int:
         """Number of rows, methods by axes."""
         return len(self.methods) * len(self.axes)
+
+    @functools.cached_property
+    def events(self) -> tuple[Event, ...]:
+        """What is counted."""
+        return counted_events(self.methods)
 
     @functools.cached_property
     def plan(self) -> Plan:
@@ -166,8 +169,8 @@ class SweepTask:
             **({} if self.axes == (VERTICAL,) else {"axis": of_axis}),
             "draws": np.repeat(part.draws[place], repeat),
         }
-        flat = part.counts[place, slot].reshape(len(place) * repeat, len(EVENTS))
-        table = pd.DataFrame(columns | {name: flat[:, k] for k, name in enumerate(_COUNTS)})
+        flat = part.counts[place, slot].reshape(len(place) * repeat, len(self.events))
+        table = pd.DataFrame(columns | {name: flat[:, k] for k, name in enumerate(self._counts)})
         return pa.Table.from_pandas(table, preserve_index=False)
 
     def part_of(self, number: int, rows: pa.Table) -> PartCounts:
@@ -183,18 +186,27 @@ class SweepTask:
         # Epochs, faults, methods and draws are those of the plan; a checksum alone says who wrote, not what is true.
         expected = self.part_rows(PartCounts(number, places, draws, counts)).to_pandas()
         table = rows.to_pandas()
-        whole = all(table[name].dtype == np.int64 for name in _COUNTS)
+        whole = all(table[name].dtype == np.int64 for name in self._counts)
         texts = {name: str for name in ("fault", "method", "axis") if name in expected}
-        if not whole or not table.drop(columns=_COUNTS).astype(texts).equals(
-            expected.drop(columns=_COUNTS).astype(texts)
+        if not whole or not table.drop(columns=self._counts).astype(texts).equals(
+            expected.drop(columns=self._counts).astype(texts)
         ):
             raise ValueError("its rows are not those of the plan")
-        flat = table[_COUNTS].to_numpy(np.int64).reshape(len(place), self.rows, len(EVENTS))
+        flat = table[self._counts].to_numpy(np.int64).reshape(len(place), self.rows, len(self.events))
         least = table.hazards - table.missed + table.false_alarms + table.unavailable
         if (flat < 0).any() or (flat > draws[place][:, None, None]).any() or (table.alarms != least).any():
             raise ValueError("its counts contradict each other")
+        # Each draw with a solution is one of the exclusions, where the method names them.
+        excluded, solved = flat[..., len(EVENTS) :].sum(axis=-1), (table.draws - table.unavailable).to_numpy()
+        if ((excluded != 0) & (excluded != solved.reshape(excluded.shape))).any():
+            raise ValueError("its exclusions contradict each other")
         counts[place, slot] = flat
         return PartCounts(number, places, draws, counts)
+
+    @property
+    def _counts(self) -> list[str]:
+        """Columns of the counts."""
+        return [event.count for event in self.events]
 
     def _cases(self, places: NDArray[np.int64]) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
         """Index into a part's epochs, and slot, of each fault that applies."""
@@ -203,7 +215,7 @@ class SweepTask:
 
     def _nothing(self, epochs: int) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
         """Draws and counts of a part's epochs before anything is counted."""
-        shape = (epochs, self.plan.fault_index.shape[1], self.rows, len(EVENTS))
+        shape = (epochs, self.plan.fault_index.shape[1], self.rows, len(self.events))
         return np.zeros(epochs, dtype=np.int64), np.zeros(shape, dtype=np.int64)
 
     def _shape(self, devices: int) -> tuple[object, ...]:

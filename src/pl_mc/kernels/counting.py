@@ -13,11 +13,12 @@ from jax.typing import ArrayLike
 
 from pl_mc.alert import AlertLimits, as_axes, as_limits
 from pl_mc.input_errors import InputError, require_whole
-from pl_mc.kernels.events import EVENTS, events, limits_of
+from pl_mc.kernels.estimate import LeastSquaresSolution
+from pl_mc.kernels.events import EVENTS, counted_events, events, exclusions, limits_of
 from pl_mc.kernels.linear_model import LinearModel, product
 from pl_mc.kernels.noise import LANES, live_lanes, unit_inputs
-from pl_mc.kernels.outcome import Method, Outcome
-from pl_mc.kernels.scenarios import Drawn, FaultRows, each_outcome
+from pl_mc.kernels.outcome import Method
+from pl_mc.kernels.scenarios import Drawn, FaultRows, each_fault
 
 # Draws that an int32 can count.
 MOST_DRAWS = 2**31 - 1
@@ -61,6 +62,8 @@ def count_events(
     together: int = 1,
 ) -> Array:
     """(f, rows, events), how often each event of `pl_mc.kernels.events.EVENTS` happened in ``draws`` draws (int32).
+
+    Where a method names what it excludes `pl_mc.kernels.events.EXCLUSIONS` follow; rows with a bias have a fault.
 
     Arrays and pytrees in, an array out: it goes through `jax.jit`, `jax.vmap` (over models, biases, limits, numbers of
     methods) and `jax.shard_map`. With the key ``epoch_key(seed, epoch)`` the counts are those of `pl_mc.sweep`.
@@ -123,25 +126,30 @@ def count_blocks(
     blocks: int,
     together: int = 1,
 ) -> Array:
-    """(f, rows, events), how often each event happened in ``blocks`` blocks of noise (int32).
+    """(f, rows, events), how often each of `counted_events` happened in ``blocks`` blocks of noise (int32).
 
     Blocks below ``full_blocks`` count whole, the block of that number counts its first ``remainder`` draws, later
     ones do not count. ``together`` blocks are taken at a time, side by side.
     """
-    none = jnp.zeros((faults.bias_m.shape[0], len(methods) * len(axes), len(EVENTS)), jnp.int32)
+    counted = counted_events(methods)
+    none = jnp.zeros((faults.bias_m.shape[0], len(methods) * len(axes), len(counted)), jnp.int32)
 
     def add_blocks(total: Array, group: Array) -> tuple[Array, None]:
         live = side_by_side(jax.vmap(lambda block: live_lanes(block, full_blocks, remainder))(group))
         live = live.astype(model.design.dtype)
 
-        def count(outcomes: list[Outcome]) -> Array:
+        def count(start: LeastSquaresSolution, bias_m: Array) -> Array:
+            outcomes = [method.solve(model, made, start) for method, made in zip(methods, prepared, strict=True)]
             seen = jnp.stack([events(outcome, limits_m, axis) for outcome in outcomes for axis in axes])
+            if len(counted) > len(EVENTS):
+                # Where a bias is drawn it is NaN, and a fault.
+                of_method = [exclusions(outcome, bias_m != 0) for outcome in outcomes for _ in axes]
+                seen = jnp.concatenate([seen, jnp.stack(of_method)], axis=1)
             # The lanes of a call are fewer than the whole numbers of any precision; this is the fastest sum.
             return product(seen.astype(live.dtype), live).astype(jnp.int32)
 
         noise, sizes = jax.tree.map(side_by_side, jax.vmap(numbers)(group))
-        counted = each_outcome(model, prepared, methods, faults, noise, count, sizes=sizes, skipped=none[0])
-        return total + counted, None
+        return total + each_fault(model, faults, noise, count, sizes=sizes, skipped=none[0]), None
 
     # Groups are filled up with a block that does not count.
     groups = -(-blocks // together)

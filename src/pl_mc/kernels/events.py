@@ -9,6 +9,7 @@ length sqrt(east^2 + north^2), by HPL and HAL; ``either`` takes alarm, hazard an
 from __future__ import annotations
 
 import functools
+from collections.abc import Iterable
 from dataclasses import dataclass
 
 import jax.numpy as jnp
@@ -45,6 +46,19 @@ EVENTS = (
     Event("unconverged", "unconverged", "available, and the last iteration moved the position by more than 1 cm"),
     Event("tied", "tied", "available, and satellites that no residual tells apart share a weight below one"),
 )
+
+# Counted where a method says which satellite it excludes; with `unavailable` each draw is one of them.
+EXCLUSIONS = (
+    Event("right_exclusion", "right_exclusions", "a satellite is excluded that has a fault, alarm or not"),
+    Event("wrong_exclusion", "wrong_exclusions", "a satellite is excluded that has no fault, alarm or not"),
+    Event("failed_exclusion", "failed_exclusions", "a fault is detected and no exclusion passes: an alarm"),
+    Event("no_exclusion", "no_exclusions", "nothing is detected, so that nothing is excluded"),
+)
+
+
+def counted_events(methods: Iterable[object]) -> tuple[Event, ...]:
+    """What is counted of some methods: `EVENTS`, and `EXCLUSIONS` if one of them ``names_exclusions``."""
+    return EVENTS + (EXCLUSIONS if any(getattr(method, "names_exclusions", False) for method in methods) else ())
 
 
 def limits_of(alert: AlertLimits, dtype: DTypeLike) -> NDArray[np.floating]:
@@ -116,3 +130,16 @@ def events(outcome: Outcome, limits_m: Array, axis: str = VERTICAL) -> Array:
             tied(outcome),
         ]
     )
+
+
+def exclusions(outcome: Outcome, faulted: Array) -> Array:
+    """(exclusions, ...), which of `EXCLUSIONS` each scenario is, none of a method that does not say what it excludes.
+
+    ``faulted``: (n,), the rows that have a fault.
+    """
+    if outcome.excluded is None:
+        return jnp.zeros((len(EXCLUSIONS), *outcome.available.shape), bool)
+    out = outcome.available & (outcome.excluded >= 0)
+    right = out & faulted[jnp.maximum(outcome.excluded, 0)]
+    left = outcome.available & (outcome.excluded < 0)
+    return jnp.stack([right, out & ~right, left & outcome.rejects, left & ~outcome.rejects])

@@ -139,6 +139,11 @@ class Araim(Monitoring):
         """Whether no residual decides which position, and so which level, is used."""
         return self.exclusion == NONE
 
+    @property
+    def names_exclusions(self) -> bool:
+        """Whether outcomes say which satellite was left out, so that sweeps count exclusions."""
+        return self.exclusion != NONE
+
     levels_without_redundancy = True
 
     def batched_levels(
@@ -278,15 +283,20 @@ class Araim(Monitoring):
         (score, outcome), _ = jax.lax.scan(consider, start_from, rows)
         return replace(outcome, rejects=outcome.available & found & jnp.isneginf(score))
 
+    def accuracy(self, model: LinearModel) -> Array:
+        """(n,), variance of each satellite's error under the accuracy model over that under the integrity model."""
+        root, dtype = model.weight_root, model.design.dtype
+        if self.ism is None or not self.ism.has("sigma_ure_m"):
+            return jnp.full(root.shape, self.accuracy_ratio**2, dtype)
+        change = self._said("sigma_ure_m", model) ** 2 - self._said("sigma_ura_m", model) ** 2
+        return jnp.maximum(1.0 + change * root**2, 0.0)
+
     def _fit(self, model: LinearModel, seen: Array, excluded: Array) -> tuple[Whole, Subsets]:
         """The solution with the satellites in ``seen`` (n,) and those of some modes (modes, n), for one geometry."""
         root, dtype = model.weight_root, model.design.dtype
-        bias_m, accuracy = jnp.asarray(self.b_nom_m, dtype), jnp.full(root.shape, self.accuracy_ratio**2, dtype)
+        bias_m, accuracy = jnp.asarray(self.b_nom_m, dtype), self.accuracy(model)
         if self.ism is not None and self.ism.has("b_nom_m"):
             bias_m = self._said("b_nom_m", model)
-        if self.ism is not None and self.ism.has("sigma_ure_m"):
-            change = self._said("sigma_ure_m", model) ** 2 - self._said("sigma_ura_m", model) ** 2
-            accuracy = jnp.maximum(1.0 + change * root**2, 0.0)
         return fit_subsets(
             model.design[..., None], seen[:, None], excluded.T[..., None], (bias_m * root)[:, None], accuracy[:, None]
         )

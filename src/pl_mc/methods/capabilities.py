@@ -70,6 +70,15 @@ class ExactLaw(Protocol):
 
 
 @runtime_checkable
+class NamesExclusions(Protocol):
+    """Outcomes that say which satellite was left out, so that sweeps count `pl_mc.kernels.events.EXCLUSIONS`."""
+
+    @property
+    def names_exclusions(self) -> bool:
+        """Whether ``Outcome.excluded`` is given; options decide."""
+
+
+@runtime_checkable
 class ScalesWithK(Protocol):
     """Levels that are K times what the method makes of a scenario.
 

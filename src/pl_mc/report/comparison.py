@@ -19,7 +19,7 @@ from scipy import special
 from pl_mc.alert import VERTICAL
 from pl_mc.engine.checkpoint_store import BadPart, read_rows
 from pl_mc.input_errors import InputError
-from pl_mc.kernels.events import EVENTS
+from pl_mc.kernels.events import EVENTS, EXCLUSIONS
 from pl_mc.report.document import Block, Bullets, Paragraph, TextTable
 from pl_mc.report.files import to_markdown
 from pl_mc.report.run_folder import RunFolder, changed_fields
@@ -37,7 +37,8 @@ _KEYS = (
     "method", "axis", "test", "reading", "level", "noise", "variant", "geometry", "fault_class", "event", "region",
     "satellite", "fault", "epoch", "bias_m",
 )  # fmt: skip
-_COUNTS = {event.count: event.name for event in EVENTS} | {"detections": "detection", "count": ""}
+_EVENTS = (*EVENTS, *EXCLUSIONS)
+_COUNTS = {event.count: event.name for event in _EVENTS} | {"detections": "detection", "count": ""}
 _TOTALS = ("draws", "scenarios", "epochs")
 _SHOWN = 12
 
@@ -275,7 +276,7 @@ def _by_epoch(first: Path, second: Path) -> tuple[pd.DataFrame, pd.DataFrame] | 
         if not {*keys, "draws"} <= set(rows):
             return None
         rows = rows.astype({"method": str, "axis": str, "fault": str})
-        counts = [event.count for event in EVENTS if event.count in rows]
+        counts = [event.count for event in _EVENTS if event.count in rows]
         tables.append(rows.groupby(keys, sort=False)[["draws", *counts]].sum().reset_index())
     return tables[0], tables[1]
 
@@ -295,7 +296,7 @@ def _with_paired_bounds(rates: pd.DataFrame, by_epoch: tuple[pd.DataFrame, pd.Da
     second = _renamed(first, second, [])
     both = first.merge(second, on=["epoch", "method", "axis", "fault"], suffixes=(" first", " second"))
     bounds: dict[int, tuple[float, float, str]] = {}
-    count_of = {event.name: event.count for event in EVENTS}
+    count_of = {event.name: event.count for event in _EVENTS}
     groups = dict(list(both.groupby(["method", "axis", "fault"], sort=False)))
     for k, row in enumerate(rates.to_dict("records")):
         key = (row.get("method"), row.get("axis", VERTICAL), row.get("fault"))

@@ -14,7 +14,7 @@ from typing import TYPE_CHECKING, Literal, ParamSpec
 
 import pandas as pd
 
-from pl_mc.kernels.events import EVENTS
+from pl_mc.kernels.events import EVENTS, EXCLUSIONS
 from pl_mc.report.document import Chart, Quantity, Summary
 from pl_mc.report.figures import in_common_look
 
@@ -125,9 +125,13 @@ def convergence_note(tables: Sequence[Table]) -> tuple[str, ...]:
     return ()
 
 
-def event_quantities() -> tuple[Quantity, ...]:
-    """The rates of all events of a sweep's table, with bounds and counts, `FIRST_EVENTS` first."""
-    count = {event.name: event.count for event in EVENTS}
+def event_quantities(table: pd.DataFrame | None = None) -> tuple[Quantity, ...]:
+    """The rates of all events of a sweep's table, with bounds and counts, `FIRST_EVENTS` first.
+
+    Those of exclusions are among them where ``table`` has them.
+    """
+    exclusions = () if table is None else (event for event in EXCLUSIONS if event.count in table)
+    count = {event.name: event.count for event in (*EVENTS, *exclusions)}
     return tuple(
         Quantity(name.replace("_", " "), f"{name}_rate", f"{name}_low", f"{name}_high", count[name])
         for name in dict.fromkeys([*FIRST_EVENTS, *count])

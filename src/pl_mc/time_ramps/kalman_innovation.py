@@ -11,9 +11,6 @@ is the weighted mean of the innovations, the best estimate of a constant in them
 which is chi-square with as many degrees of freedom as satellites where the filter's model is true. That form, the
 windows and the filter without inertial sensors (AIME has them) are this file's own, so that numbers found here are
 not those of AIME.
-
-Errors of one geometry share their gains, so that the filter is linear with gains known beforehand: covariances are
-computed once, outside of the compiled passes, and the response to a ramp is the noise's plus the ramp's.
 """
 
 from __future__ import annotations
@@ -26,10 +23,11 @@ import numpy as np
 from jax import Array
 
 from pl_mc.arrays import FloatArray
-from pl_mc.geometry.record import POSITION_UNKNOWNS, UP
-from pl_mc.input_errors import InputError, require_choice, require_fraction, require_positive
+from pl_mc.geometry.record import UP
+from pl_mc.input_errors import InputError, require_choice, require_fraction
 from pl_mc.kernels.linear_model import product
 from pl_mc.methods.raim_levels import P_FA
+from pl_mc.time_ramps.filters import RANDOM_WALK, filter_model, gains, next_motion, ramp_response, require_motion
 from pl_mc.time_ramps.sequential import Sample
 from pl_mc.time_ramps.signals import LANES, NoiseInTime, Rows
 from pl_mc.time_ramps.windows import (
@@ -42,11 +40,7 @@ from pl_mc.time_ramps.windows import (
     window_tests,
 )
 
-RANDOM_WALK, CONSTANT_VELOCITY = "random_walk", "constant_velocity"
 LS_POSITION, FILTER_POSITION = "ls", "filter"
-
-# What the filter knows before its first measurement, as standard deviations: next to nothing.
-START_POSITION_M, START_CLOCK_M, START_VELOCITY_M_PER_S = 100.0, 1000.0, 5.0
 
 
 @dataclass(frozen=True)
@@ -81,10 +75,8 @@ class KalmanInnovation:
 
     def __post_init__(self) -> None:
         object.__setattr__(self, "windows_s", window_seconds("kalman", self.windows_s))
-        require_choice(self.motion, (RANDOM_WALK, CONSTANT_VELOCITY), field="kalman: motion")
+        require_motion(self, owner="kalman")
         require_choice(self.guards, (LS_POSITION, FILTER_POSITION), field="kalman: guards")
-        for name in ("position_m", "velocity_m_per_s", "clock_m"):
-            require_positive(getattr(self, name), field=f"kalman: {name}")
         if not isinstance(self.coloured, bool):
             raise InputError(f"kalman: coloured: true or false is needed, not {self.coloured!r}.")
         require_fraction(self.p_fa, field="kalman: p_fa")
@@ -100,25 +92,13 @@ class KalmanInnovation:
         return name_with_windows(f"kalman({','.join(parts)})" if parts else "kalman", self.windows_s)
 
     def plan(self, rows: Rows, noise: NoiseInTime, ramp_m: FloatArray, onset: int) -> FilterPlan:
-        epochs, satellites, unknowns = rows.design.shape
-        transition, process_root, start_root = motion_model(self, unknowns, rows.interval_s)
-        base = len(start_root)
-        measurement = np.zeros((epochs, satellites, base))
-        measurement[:, :, :unknowns] = rows.design
-        variance_m2 = rows.sigma_m**2
-        process, start = process_root @ process_root.T, np.diag(start_root**2)
-        if self.coloured:
-            correlation, share = noise.correlation(rows.interval_s), noise.share
-            slow = np.einsum("ei,ij->eij", np.sqrt(share) * rows.sigma_m * rows.in_view, np.eye(satellites))
-            measurement = np.concatenate([measurement, slow], axis=2)
-            variance_m2 = (1.0 - share) * variance_m2
-            own = np.eye(satellites)
-            transition = _beside(transition, correlation * own)
-            process, start = _beside(process, (1.0 - correlation**2) * own), _beside(start, own)
-        gain, weight = _gains(measurement, np.where(rows.in_view, variance_m2, 1.0), transition, process, start)
-        weight = weight * rows.in_view[:, :, None] * rows.in_view[:, None, :]
-        innovations, up_m = _ramp_response(measurement, gain, transition, ramp_m)
-        pulled = np.einsum("eij,ej->ei", weight, innovations)
+        satellites = len(rows.names)
+        model = filter_model(self, rows, noise, coloured=self.coloured)
+        made_gains = gains(model, np.ones((1, satellites)))
+        gain = made_gains.gain[:, 0]
+        weight = made_gains.weight[:, 0] * rows.in_view[:, :, None] * rows.in_view[:, None, :]
+        innovations, up_m = ramp_response(model, made_gains.gain, ramp_m)
+        pulled = np.einsum("eij,ej->ei", weight, innovations[:, 0])
 
         samples = window_samples("kalman", self.windows_s, rows.interval_s, onset)
         made = []
@@ -128,10 +108,10 @@ class KalmanInnovation:
             basis = np.einsum("ei,ij->eij", seen.astype(float), np.eye(satellites))
             made.append(whitened(summed, basis, window_sums(pulled, w, onset), self.p_fa))
         return FilterPlan(
-            measurement=jnp.asarray(measurement), gain=jnp.asarray(gain), weight=jnp.asarray(weight),
-            transition=jnp.asarray(transition), process_root=jnp.asarray(process_root),
-            start_root=jnp.asarray(start_root), up_m=jnp.asarray(up_m), tests=window_tests(made, samples),
-            base=base, own_position=self.guards == FILTER_POSITION,
+            measurement=jnp.asarray(model.measurement), gain=jnp.asarray(gain), weight=jnp.asarray(weight),
+            transition=jnp.asarray(model.transition), process_root=jnp.asarray(model.process_root),
+            start_root=jnp.asarray(model.start_root), up_m=jnp.asarray(up_m[:, 0]),
+            tests=window_tests(made, samples), base=model.base, own_position=self.guards == FILTER_POSITION,
         )  # fmt: skip
 
 
@@ -180,9 +160,7 @@ class FilterPlan:
         self, epoch: tuple[Array, Array, Array], state: tuple[Array, Array, Array], sample: Sample
     ) -> tuple[tuple[Array, Array, Array], Array, Array]:
         (measurement, gain, weight), (true, believed, total) = epoch, state
-        numbers = sample.motion[: self.base]
-        moved = product(self.transition[: self.base, : self.base], true) + product(self.process_root, numbers)
-        true = jnp.where(sample.time == 0, self.start_root[:, None] * numbers, moved)
+        true = next_motion(self.transition, self.process_root, self.start_root, true, sample)
         # Pseudoranges less those of the nominal state.
         observed_m = sample.noise_m + product(measurement[:, : self.base], true)
         predicted = product(self.transition, believed)
@@ -190,72 +168,3 @@ class FilterPlan:
         believed = predicted + product(gain, innovation)
         total = total + product(weight, innovation)
         return (true, believed, total), total, believed[UP] - true[UP]
-
-
-def motion_model(test: KalmanInnovation, unknowns: int, interval_s: float) -> tuple[FloatArray, FloatArray, FloatArray]:
-    """Transition (b, b), root of the process noise (b, b), first standard deviations (b,).
-
-    States are position, clocks and, with ``constant_velocity``, velocity.
-    """
-    clocks = unknowns - POSITION_UNKNOWNS
-    root_s = np.sqrt(interval_s)
-    start = np.array([START_POSITION_M] * POSITION_UNKNOWNS + [START_CLOCK_M] * clocks)
-    walk = np.array([test.position_m] * POSITION_UNKNOWNS + [test.clock_m] * clocks) * root_s
-    if test.motion == RANDOM_WALK:
-        return np.eye(unknowns), np.diag(walk), start
-    # White acceleration of the density q (Bar-Shalom, Li & Kirubarajan 2001, section 6.2.2).
-    size = unknowns + POSITION_UNKNOWNS
-    transition, process = np.eye(size), np.zeros((size, size))
-    process[POSITION_UNKNOWNS:unknowns, POSITION_UNKNOWNS:unknowns] = np.diag(walk[POSITION_UNKNOWNS:])
-    change = test.velocity_m_per_s * root_s
-    for axis in range(POSITION_UNKNOWNS):
-        place = unknowns + axis
-        transition[axis, place] = interval_s
-        # Variances q dt^3 / 3 and q dt, covariance q dt^2 / 2.
-        process[axis, axis] = change * interval_s / np.sqrt(3.0)
-        process[place, axis] = change * np.sqrt(3.0) / 2.0
-        process[place, place] = change / 2.0
-    return transition, process, np.concatenate([start, [START_VELOCITY_M_PER_S] * POSITION_UNKNOWNS])
-
-
-def _gains(
-    measurement: FloatArray, variance_m2: FloatArray, transition: FloatArray, process: FloatArray, start: FloatArray
-) -> tuple[FloatArray, FloatArray]:
-    """K (T, s, m) and S^-1 (T, m, m), by the covariance recursion in Joseph's form."""
-    epochs, satellites, states = measurement.shape
-    gain, weight = np.empty((epochs, states, satellites)), np.empty((epochs, satellites, satellites))
-    covariance, one = start, np.eye(states)
-    for k in range(epochs):
-        if k > 0:
-            covariance = transition @ covariance @ transition.T + process
-        h = measurement[k]
-        spread = covariance @ h.T
-        inverse = np.linalg.inv(h @ spread + np.diag(variance_m2[k]))
-        weight[k] = 0.5 * (inverse + inverse.T)
-        gain[k] = spread @ weight[k]
-        left = one - gain[k] @ h
-        covariance = left @ covariance @ left.T + (gain[k] * variance_m2[k]) @ gain[k].T
-        covariance = 0.5 * (covariance + covariance.T)
-    return gain, weight
-
-
-def _ramp_response(
-    measurement: FloatArray, gain: FloatArray, transition: FloatArray, ramp_m: FloatArray
-) -> tuple[FloatArray, FloatArray]:
-    """Innovations (T, m) and vertical error (T,) of the filter in a unit ramp without any noise."""
-    innovations, up_m = np.empty(ramp_m.shape), np.empty(len(ramp_m))
-    state = np.zeros(len(transition))
-    for k in range(len(ramp_m)):
-        state = transition @ state
-        innovations[k] = ramp_m[k] - measurement[k] @ state
-        state = state + gain[k] @ innovations[k]
-        up_m[k] = state[UP]
-    return innovations, up_m
-
-
-def _beside(first: FloatArray, second: FloatArray) -> FloatArray:
-    """The block diagonal matrix of two."""
-    a, b = len(first), len(second)
-    made = np.zeros((a + b, a + b))
-    made[:a, :a], made[a:, a:] = first, second
-    return made

@@ -49,7 +49,7 @@ class PassPlan:
         prepared: what the snapshot methods make of them.
         sigma_m: (T, m) [m].
         ramp_m: (T, m), the ramp of 1 m/s [m].
-        correlation, share: () of the correlated part of the errors.
+        correlation, share: () of the slow part of the errors; code_correlation: () of the rest.
         limit_m: (), alert limit of the axis [m].
         sequential: what the sequential tests make of them.
     """
@@ -60,6 +60,7 @@ class PassPlan:
     ramp_m: Array
     correlation: Array
     share: Array
+    code_correlation: Array
     limit_m: Array
     sequential: tuple[SequentialPlan, ...]
 
@@ -89,7 +90,8 @@ class Signals:
 
     Attributes:
         noise: (T, m, lanes), errors in units of sigma, zero out of view.
-        sums: for each sequential test (T, m, lanes), its vectors summed from the first sample on.
+        sums: for each sequential test (T, m, lanes), its vectors summed from the first sample on; of one that
+            looks at the last alone (windows of no sample) these themselves.
         up_m: for each (T, lanes), its own vertical error [m].
     """
 
@@ -121,6 +123,7 @@ def pass_plan(
         ramp_m=jnp.asarray(ramp_m),
         correlation=jnp.asarray(noise.correlation(rows.interval_s)),
         share=jnp.asarray(noise.share),
+        code_correlation=jnp.asarray(noise.code_correlation(rows.interval_s)),
         limit_m=jnp.asarray(limit_m),
         sequential=tuple(t.plan(rows, noise, ramp_m, onset) for t in tests if isinstance(t, SequentialTest)),
     )
@@ -174,23 +177,24 @@ def fault_free_signals(plan: PassPlan, key: Array) -> Signals:
     motions = max((each.motions for each in plan.sequential), default=0)
 
     def at_epoch(carry: tuple, x: tuple) -> tuple[tuple, Signals]:
-        slow, states = carry
+        code, slow, states = carry
         time, model, sigma_m, epoch = x
         white, fresh, motion = step_numbers(key, time, rows, motions)
         slow = jnp.where(time == 0, fresh, step(slow, fresh, plan.correlation))
-        noise = jnp.sqrt(1.0 - plan.share) * white + jnp.sqrt(plan.share) * slow
+        code = jnp.where(time == 0, white, step(code, white, plan.code_correlation))
+        noise = jnp.sqrt(1.0 - plan.share) * code + jnp.sqrt(plan.share) * slow
         noise = noise * model.in_view[:, None]
         fitted = product(model.design, product(model.gain, noise))
         sample = Sample(time, noise, fitted, noise * sigma_m[:, None], motion, model.in_view)
         plans = zip(plan.sequential, epoch, states, strict=True)
         after = [each.advance(own, state, sample) for each, own, state in plans]
         sums, up = tuple(total for _, total, _ in after), tuple(up for *_, up in after)
-        return (slow, tuple(state for state, *_ in after)), Signals(noise, sums, up)
+        return (code, slow, tuple(state for state, *_ in after)), Signals(noise, sums, up)
 
     start = tuple(each.begin() for each in plan.sequential)
     own = tuple(each.epochs() for each in plan.sequential)
     xs = (jnp.arange(epochs, dtype=jnp.int32), models, plan.sigma_m, own)
-    return jax.lax.scan(at_epoch, (jnp.zeros((rows, LANES)), start), xs)[1]
+    return jax.lax.scan(at_epoch, (*jnp.zeros((2, rows, LANES)), start), xs)[1]
 
 
 @functools.partial(jax.jit, static_argnames=("onset", "axis"))
@@ -211,7 +215,9 @@ def watch_block(
 
     def sums(values: Array, tests_: WindowTests, time: Array) -> list[Array]:
         now = jax.lax.dynamic_index_in_dim(values, time, keepdims=False)
-        return [now - jax.lax.dynamic_index_in_dim(values, time - w, keepdims=False) for w in tests_.samples]
+        return [
+            now - jax.lax.dynamic_index_in_dim(values, time - w, keepdims=False) if w else now for w in tests_.samples
+        ]
 
     def at_epoch(watched: Watched, x: tuple) -> tuple[Watched, None]:
         time, model, prepared, ramp_m, noise, windows, ups, up_ramps = x

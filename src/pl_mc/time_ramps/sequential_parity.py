@@ -86,10 +86,14 @@ class SequentialParity:
         size, basis = np.linalg.eigh(maps[onset:])
         basis = basis * (size > 0.5)[:, None, :]
         samples = window_samples("sequential_parity", self.windows_s, rows.interval_s, onset)
-        correlation = noise.correlation(rows.interval_s)
+        correlation, code = noise.correlation(rows.interval_s), noise.code_correlation(rows.interval_s)
         made = []
         for w in samples:
             covariance = summed_covariance(maps, correlation, noise.share, w, onset)
+            if code > 0:
+                # Code noise that is smoothed, in place of white.
+                own = summed_covariance(maps, code, 1.0, w, onset) - summed_covariance(maps, code, 0.0, w, onset)
+                covariance = covariance + (1.0 - noise.share) * own
             made.append(whitened(covariance, basis, window_sums(ramp, w, onset), self.p_fa))
         return ParityPlan(window_tests(made, samples), up_m=jnp.zeros(len(rows.design)))
 

@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
+from typing import Any
 
 import jax
 import jax.numpy as jnp
@@ -17,7 +18,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from pl_mc.arrays import FloatArray
 from pl_mc.geometry.record import Geometry
-from pl_mc.input_errors import InputError, require_choice, require_number
+from pl_mc.input_errors import InputError, require_choice, require_number, require_within
 from pl_mc.ism import codes_of
 from pl_mc.kernels.noise import LANES, epoch_key
 from pl_mc.noise_models.gauss_markov import GaussMarkov
@@ -28,33 +29,51 @@ _PASSES = 2**31 + 2**29
 
 @dataclass(frozen=True)
 class NoiseInTime:
-    """Every satellite's error in units of its sigma: a white part and a first-order Gauss-Markov part.
+    """Every satellite's error in units of its sigma: code noise and a first-order Gauss-Markov part.
 
-    n_k = sqrt(1 - s) w_k + sqrt(s) u_k, with w white and u stationary, both of unit variance; satellites are
+    n_k = sqrt(1 - s) w_k + sqrt(s) u_k, with u stationary and w white, both of unit variance; satellites are
     independent of each other. At a single moment the error has the satellite's sigma, whatever the two are.
+
+    With carrier smoothing w is what a Hatch filter leaves of white code noise. Over N samples, once it has run, its
+    error is e_k = (1 - 1/N) e_(k-1) + v_k / N: correlated by 1 - 1/N from sample to sample, of 1 / (2 N - 1) of the
+    variance of v. Sigma is that of the smoothed pseudorange, so that the code before has sqrt(2 N - 1) times as
+    much noise. What code and carrier share, such as u and a satellite's clock that runs away, passes unchanged.
 
     Attributes:
         tau_s: correlation time of u [s]; 0 makes it white as well.
         share: s, share of u in the variance, from 0 to 0.999: some white part is left, so that samples tell more
             than one of them does.
+        smoothing_s: time constant of the Hatch filter [s]; 0 for code that is not smoothed.
     """
 
     tau_s: float
     share: float = 0.5
+    smoothing_s: float = 0.0
 
     def __post_init__(self) -> None:
         _ = GaussMarkov(self.tau_s)
         if not 0.0 <= require_number(self.share, field="share") <= 0.999:
             raise InputError(f"share: a share of the variance from 0 to 0.999 is needed, not {self.share!r}.")
+        require_within(self.smoothing_s, field="smoothing_s", low=0.0, high=3600.0)
 
     def correlation(self, interval_s: float) -> float:
         """Of u, from one sample to the next."""
         return GaussMarkov(self.tau_s).correlation(interval_s)
 
+    def code_correlation(self, interval_s: float) -> float:
+        """Of w, from one sample to the next."""
+        return 1.0 - 1.0 / max(1, whole_samples(self.smoothing_s, interval_s, field="smoothing_s"))
+
+    def parts(self, interval_s: float) -> tuple[Any, ...]:
+        """The share that is white, then (correlation, share) of the slow part, and of code noise if it is smoothed."""
+        slow, code = (self.correlation(interval_s), self.share), self.code_correlation(interval_s)
+        return (0.0, slow, (code, 1.0 - self.share)) if code > 0 else (1.0 - self.share, slow)
+
     def autocorrelation(self, lags: ArrayLike, interval_s: float) -> FloatArray:
-        """(...), of the whole error at lags in samples: 1 at zero, else s phi^|lag|."""
+        """(...), of the whole error at lags in samples: 1 at zero, else s phi^|lag| and that of smoothed code."""
         number = np.abs(np.asarray(lags))
-        return np.where(number == 0, 1.0, self.share * self.correlation(interval_s) ** number)
+        white, *parts = self.parts(interval_s)
+        return np.where(number == 0, white, 0.0) + sum(share * correlation**number for correlation, share in parts)
 
 
 @dataclass(frozen=True)

@@ -26,6 +26,7 @@ from pl_mc.named import as_records, build_named
 from pl_mc.runtime.precision import precision_scope
 from pl_mc.runtime.progress import progress_bar
 from pl_mc.statistics.intervals import clopper_pearson, rate_columns
+from pl_mc.time_ramps.filter_bank import FilterBank
 from pl_mc.time_ramps.kalman_innovation import KalmanInnovation
 from pl_mc.time_ramps.passes import Test, Watched, has_ratio, pass_plan, watch_block
 from pl_mc.time_ramps.sequential import SequentialTest
@@ -35,7 +36,9 @@ from pl_mc.time_ramps.signals import NoiseInTime, Rows, rows_by_satellite, unit_
 CONFIDENCE = 0.95
 LIMITS_S = (6, 10, 30)
 QUANTILES = (50, 95)
-SEQUENTIAL: dict[str, type] = {"sequential_parity": SequentialParity, "kalman": KalmanInnovation}
+SEQUENTIAL: dict[str, type] = {
+    "sequential_parity": SequentialParity, "kalman": KalmanInnovation, "filter_bank": FilterBank,
+}  # fmt: skip
 DEFAULT_METHODS = ("ls", "igg3", "slope", "parity", "w_test", "araim", "sequential_parity", "kalman")
 
 # Passes of the calibration, of its check, and with ramps are independent of each other.
@@ -56,6 +59,7 @@ def time_to_alert(
     draws: int = 1000,
     seed: int = 0,
     share: float = 0.5,
+    smoothing_s: float = 0.0,
     onset_s: float = 300.0,
     p_fa: float = 0.01,
     calibration_draws: int = 4000,
@@ -65,24 +69,26 @@ def time_to_alert(
 ) -> pd.DataFrame:
     """How long an error that grows on one satellite stays unseen, method by method, at equal false-alarm rates.
 
-    The ramp begins at ``onset_s`` and grows to the end of the series. Errors of satellites are Gaussian with a
-    white and a Gauss-Markov part (`NoiseInTime`); every method and every rate sees the same ones. A pass is what
-    lies between the onset and the end: thresholds are set, on fault-free passes of their own, so that a share
-    ``p_fa`` of passes has at least one alarm, and the share is counted again on others.
+    The ramp begins at ``onset_s`` and grows to the end of the series. Errors of satellites are Gaussian with code
+    noise, white or smoothed by the carrier, and a Gauss-Markov part (`NoiseInTime`); every method and every rate sees
+    the same ones. A pass is what lies between the onset and the end: thresholds are set, on fault-free passes of their
+    own, so that a share ``p_fa`` of passes has at least one alarm, and the share is counted again on others.
 
     An alarm is the first sample from the onset on at which the method's statistic is beyond its threshold; the
     hazard begins with the first at which the error is beyond the limit, even if noise takes it back again. The
     time to alert is the difference; it is negative where the alarm comes first. Errors are those of the position
-    that a method guards: IGG-III's own and other M-estimates' own, a Kalman filter's own if asked for, else that of
-    least squares. What each statistic is: `pl_mc.time_ramps.passes`, `SequentialParity`, `KalmanInnovation`.
+    that a method guards: IGG-III's own and other M-estimates' own, that of all satellites of a bank
+    of filters, a Kalman filter's own if asked for, else that of least squares. What each statistic is:
+    `pl_mc.time_ramps.passes`, `SequentialParity`, `KalmanInnovation`, `FilterBank`.
 
     Args:
         g_series: epochs at equal intervals; the requirements of 6, 10 and 30 s ask for 1 s.
         satellite: in view from the onset on.
         rates_m_per_s: (f,), rates of the ramp [m/s]; 0 is the fault-free pass.
         methods: names or records of methods with a test statistic, or with a level that scales with K and knows the
-            errors (`pl_mc.methods.capabilities`), and of sequential tests (``sequential_parity``, ``kalman``).
-        tau_s, share: see `NoiseInTime`.
+            errors (`pl_mc.methods.capabilities`), and of sequential tests (``sequential_parity``, ``kalman``,
+            ``filter_bank``).
+        tau_s, share, smoothing_s: see `NoiseInTime`.
         draws: passes for each rate.
         seed: chooses the noise, 0 to 2^32 - 1.
         onset_s: time before the ramp, in which windows and filters fill [s].
@@ -123,9 +129,9 @@ def time_to_alert(
     if judged == EITHER:
         raise InputError("axis: a time to alert is that of one error; choose vertical or horizontal.")
     rows = rows_by_satellite(g_series)
-    noise = NoiseInTime(tau_s=tau_s, share=share)
+    noise = NoiseInTime(tau_s=tau_s, share=share, smoothing_s=smoothing_s)
     tests = fit_for(as_tests(methods), g_series)
-    rates = _rates(rates_m_per_s)
+    rates = ramp_rates(rates_m_per_s)
     draws = require_whole(draws, field="draws", low=1, high=_MOST_DRAWS)
     seed = require_whole(seed, field="seed", low=0, high=LARGEST_SEED)
     calibration_draws = require_calibration(calibration_draws, p_fa)
@@ -140,7 +146,9 @@ def time_to_alert(
     with precision_scope("float64"):
         plan = pass_plan(tests, rows, noise, ramp_m, onset, alert.limit_m[judged])
     if judged != VERTICAL and any(each.own_position for each in plan.sequential):
-        raise InputError("axis: the position of a Kalman filter's own is vertical alone; let it guard least squares.")
+        raise InputError(
+            "axis: the position of a Kalman filter's own is vertical alone (nearest: one that guards least squares)."
+        )
     free, last = (Cut(epoch_count=1, draws=n, epochs_per_call=1, blocks_per_call=1) for n in (calibration_draws, draws))
     with progress_bar(total=2 * free.blocks + last.blocks, what="Passes", show=progress) as advance:
 
@@ -209,7 +217,8 @@ def require_onset(onset_s: float, interval_s: float, epochs: int) -> int:
     return onset
 
 
-def _rates(rates_m_per_s: ArrayLike) -> FloatArray:
+def ramp_rates(rates_m_per_s: ArrayLike) -> FloatArray:
+    """(f,), different finite rates."""
     rates = np.atleast_1d(require_numbers(rates_m_per_s, field="rates_m_per_s"))
     if rates.ndim != 1 or rates.size == 0 or not np.isfinite(rates).all() or np.unique(rates).size < rates.size:
         raise InputError("rates_m_per_s: one row of different finite rates is needed.")

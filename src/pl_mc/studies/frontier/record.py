@@ -84,6 +84,8 @@ class FrontierExperiment(ByOneLevel):
         independent: independent samples of an approach, by which alarms add up to discontinuity.
         besides: ``pairs`` of satellites, ``constellations``: faults that the budget counts as lost, of which the event
             is estimated all the same, along the direction that residuals show least.
+        continuity: probability of an interruption that the operation allows in an exposure, against which that of
+            methods with an exposure (``araim`` of v4.2) is estimated; nothing is where it is left out.
     """
 
     double_alone: ClassVar[bool] = True
@@ -98,6 +100,7 @@ class FrontierExperiment(ByOneLevel):
     biases_m: tuple[_Positive, ...] = (0.25, 0.75)
     independent: int = Field(default=25, ge=1)
     besides: tuple[Literal["pairs", "constellations"], ...] = ()
+    continuity: Annotated[float, Field(gt=0, lt=1)] | None = None
 
     @field_validator("skies")
     @classmethod

@@ -28,6 +28,7 @@ from pl_mc.methods.capabilities import scales_with_k, with_k
 from pl_mc.report.findings import Findings, Table
 from pl_mc.runtime.progress import with_progress
 from pl_mc.runtime.threads import in_order
+from pl_mc.studies.frontier.continuity import continuity_blocks, continuity_table, require_exposure
 from pl_mc.studies.frontier.figures import frontier_figure, multiplier_figure
 from pl_mc.studies.frontier.record import FrontierExperiment, Sky
 from pl_mc.studies.frontier.text import EXCLUSION, WRONG_EXCLUSION, of_sizes, summary
@@ -97,15 +98,21 @@ def run(experiment: FrontierExperiment, execution: Execution) -> Findings:
             contribution_most=("contribution", "max"),
         )  # fmt: skip
         tables.append(Table("besides", besides))
+    blocks = summary(experiment, frontier, multipliers, stress, besides)
+    if experiment.continuity is not None:
+        places = [
+            (sky.name, place, g, _of_sky(experiment, sky))
+            for sky, geometries in skies
+            for place, g in enumerate(geometries)
+        ]
+        interrupted = continuity_table(experiment, places)
+        if len(interrupted):
+            tables.append(Table("continuity", interrupted))
+            blocks = (*blocks, *continuity_blocks(interrupted))
     pictures = [frontier_figure(curves, frontier, axis=judged.axis, title=experiment.title)]
     if len(multipliers):
         pictures.append(multiplier_figure(geometries, multipliers, axis=judged.axis, title=experiment.title))
-    return Findings(
-        summary=summary(experiment, frontier, multipliers, stress, besides),
-        tables=tuple(tables),
-        pictures=tuple(pictures),
-        notes=_notes(geometries),
-    )
+    return Findings(summary=blocks, tables=tuple(tables), pictures=tuple(pictures), notes=_notes(geometries))
 
 
 def at_geometry(
@@ -287,6 +294,7 @@ def work(experiment: FrontierExperiment) -> Work:
 def checks(experiment: FrontierExperiment, g: Geometry | None) -> Iterator[Check]:
     """Budget, skies, and the methods that they name."""
     yield "budget", experiment.risk_budget
+    yield "continuity", partial(require_exposure, experiment)
     names = [one.name for one in experiment.method_records()]
     for sky in experiment.skies:
         yield "skies", partial(_built, sky, experiment)

@@ -10,7 +10,7 @@ import pandas as pd
 
 from pl_mc.alert import EITHER, HORIZONTAL, VERTICAL, Judged
 from pl_mc.engine import Execution, sample
-from pl_mc.engine.table import COUNT_COLUMNS, sum_over_faults, with_rates
+from pl_mc.engine.table import count_columns, sum_over_faults, with_rates
 from pl_mc.faults import Faults, no_fault, ramps
 from pl_mc.geometry import Geometry, redundancy_numbers
 from pl_mc.noise_models import GAUSSIAN
@@ -208,7 +208,7 @@ def _no_rates(g: Geometry, faults: Faults) -> pd.DataFrame:
 def _rates_chart(rates: pd.DataFrame, of: str = "", *menus: str) -> Chart:
     """Rates of events against the bias, with a menu of the axes where the table names any."""
     axes = ("axis",) if "axis" in rates else ()
-    return Chart(f"Rates of events against the bias{of}", ("method",), event_quantities(), menus=(*axes, *menus))
+    return Chart(f"Rates of events against the bias{of}", ("method",), event_quantities(rates), menus=(*axes, *menus))
 
 
 def _picture(name: str, figure: Figure, caption: str, one: Judged, judged: tuple[Judged, ...]) -> Picture:
@@ -241,9 +241,9 @@ def rates_by_place(parts: Iterable[pd.DataFrame]) -> pd.DataFrame:
         rows = rows.assign(satellite=_satellite(rows), **{key: rows[key].astype(str) for key in keys[2:]})
         # Rows of one epoch and part have the same draws; all biases of a satellite saw the same noise.
         first = rows.groupby(keys, sort=False)["draws"].first().rename("independent_draws")
-        sums.append(rows.groupby(keys, sort=False)[COUNT_COLUMNS].sum().join(first))
+        sums.append(rows.groupby(keys, sort=False)[count_columns(rows)].sum().join(first))
     total = pd.concat(sums).groupby(level=keys, sort=False).sum()
-    return with_rates(total[["draws", "independent_draws", *COUNT_COLUMNS[1:]]].reset_index())
+    return with_rates(total[["draws", "independent_draws", *count_columns(total)[1:]]].reset_index())
 
 
 def _draws_by(by_place: pd.DataFrame, keys: list[str]) -> pd.Series:

@@ -58,21 +58,21 @@ def alert_figure(table: pd.DataFrame, *, judged: Judged, title: str) -> Figure:
         for number, group in enumerate(groups):
             rows, style = ramps[(ramps.tau_s == tau) & (ramps.method == group[0])], series_style(number, _FURTHER)
             heard = rows[rows.detected_rate >= 0.5]
-            _line(upper, heard.rate_m_per_s, heard.error_at_alert_50_m, style)
+            line(upper, heard.rate_m_per_s, heard.error_at_alert_50_m, style)
             kept = rows[np.isfinite(rows.alert_after_hazard_95_s)]
-            _line(lower, kept.rate_m_per_s, kept.alert_after_hazard_95_s, style)
+            line(lower, kept.rate_m_per_s, kept.alert_after_hazard_95_s, style)
         upper.set(xscale="log", yscale="log")
         upper.set_title(f"{_heading(tau)}: median error at the alarm [m]")
         limit_line(upper, limit_m, judged.limits())
         lower.set_yscale("symlog", linthresh=10.0, linscale=0.8)
-        _plain_ticks(lower.yaxis, (-1000, -100, -10, 0, 10, 100, 1000))
+        plain_ticks(lower.yaxis, (-1000, -100, -10, 0, 10, 100, 1000))
         lower.set_title(f"{_heading(tau)}: alarm after the error passed {called.limit} [s], 95 %")
         lower.set_xlabel("rate of the ramp [m/s]")
         # Room for the names of the limits.
         lower.set_xlim(0.75 * float(ramps.rate_m_per_s.min()), 2.6 * float(ramps.rate_m_per_s.max()))
         for limit in LIMITS_S:
             limit_line(lower, limit, f"{limit} s", width=0.9, shift=(0, 0), fontsize=7.5)
-    _plain_ticks(axes[0].yaxis, (2, 5, 10, 20, 50, 100, 200, 500))
+    plain_ticks(axes[0].yaxis, (2, 5, 10, 20, 50, 100, 200, 500))
     _legend(figure, groups)
     return figure
 
@@ -98,7 +98,7 @@ def late_figure(table: pd.DataFrame, *, title: str) -> Figure:
             bars = bar_lengths(value, rows[f"late_{limit}_low"], rows[f"late_{limit}_high"])
             look: Any = {"fmt": "none", "ecolor": style.colour, "elinewidth": 0.9, "zorder": 2.0}
             panel.errorbar(rows.rate_m_per_s, value, yerr=bars, **look)
-            _line(panel, rows.rate_m_per_s, value, style)
+            line(panel, rows.rate_m_per_s, value, style)
             # Every method has as many passes, and so the same bound.
             none = rows[~seen]
             panel.plot(none.rate_m_per_s, none[f"late_{limit}_high"], **_UNSEEN, markersize=5.0, zorder=1.8)
@@ -110,11 +110,12 @@ def late_figure(table: pd.DataFrame, *, title: str) -> Figure:
     return figure
 
 
-def _line(panel: Axes, x: pd.Series, y: pd.Series, style: SeriesStyle) -> None:
+def line(panel: Axes, x: pd.Series, y: pd.Series, style: SeriesStyle) -> None:
+    """A curve of one method."""
     panel.plot(x, y, **style.look, markersize=4.2, linewidth=1.3, zorder=2.5)
 
 
-def _plain_ticks(axis: Axis, places: Sequence[float]) -> None:
+def plain_ticks(axis: Axis, places: Sequence[float]) -> None:
     """Ticks at these places and no others, as plain numbers."""
     from matplotlib.ticker import FixedLocator, FuncFormatter, NullLocator
 

@@ -24,6 +24,7 @@ from pl_mc.statistics import ls_quantities
 from pl_mc.studies.spec import ByOneLevel, NamedChoice, SimulatedGeometry
 from pl_mc.studies.study import Check, Work, refuse
 from pl_mc.studies.time_ramps.figures import alert_figure, late_figure, same_methods
+from pl_mc.studies.time_ramps.levels import level_blocks, level_sentence, levels_figure, levels_of_banks
 from pl_mc.time_ramps import sequential, time_to_alert
 from pl_mc.time_ramps.passes import Test
 from pl_mc.time_ramps.timing import LIMITS_S, require_calibration, require_onset
@@ -53,12 +54,13 @@ class TimeRampsExperiment(ByOneLevel):
     """Ramps of several rates on one satellite over a pass, at equal false-alarm rates; see `pl_mc.time_to_alert`.
 
     Attributes:
-        sequential: sequential tests to compare with the methods, each a table with a name (sequential_parity or
-            kalman) and options of its own.
+        sequential: sequential tests to compare with the methods, each a table with a name (sequential_parity,
+            kalman or filter_bank, whose levels are compared too) and options of its own.
         satellite: the satellite whose error grows, in view throughout.
         rates_m_per_s: rates of the ramp [m/s]; 0 for the fault-free pass.
         taus_s: correlation times of the correlated part of the errors [s]; 0 for white errors.
         share: share of the correlated part in the variance of an error.
+        smoothing_s: time constant of the carrier smoothing of the code noise [s]; 0 for none.
         onset_s: time before the ramp, in which windows and filters fill [s].
         draws: passes for each rate and correlation time.
         calibration_draws: fault-free passes for the thresholds, and as many to count false alarms.
@@ -73,6 +75,7 @@ class TimeRampsExperiment(ByOneLevel):
     rates_m_per_s: Annotated[tuple[Annotated[float, Field(allow_inf_nan=False)], ...], Field(min_length=1)]
     taus_s: Annotated[tuple[Annotated[float, Field(ge=0, allow_inf_nan=False)], ...], Field(min_length=1)]
     share: float = Field(default=0.5, ge=0, le=0.999)
+    smoothing_s: float = Field(default=0.0, ge=0, le=3600)
     onset_s: float = Field(default=300.0, gt=0)
     draws: int = Field(ge=1)
     calibration_draws: int = Field(default=4000, ge=100)
@@ -95,11 +98,16 @@ def run(experiment: TimeRampsExperiment, execution: Execution) -> Findings:
     tables = [
         time_to_alert(
             g, experiment.satellite, experiment.rates_m_per_s, tests, tau_s=tau_s, draws=experiment.draws,
-            seed=experiment.seed, share=experiment.share, onset_s=experiment.onset_s, p_fa=experiment.p_fa,
-            calibration_draws=experiment.calibration_draws, alert=judged.alert, axis=axis, progress=False,
+            seed=experiment.seed, share=experiment.share, smoothing_s=experiment.smoothing_s,
+            onset_s=experiment.onset_s, p_fa=experiment.p_fa, calibration_draws=experiment.calibration_draws,
+            alert=judged.alert, axis=axis, progress=False,
         )
         for tau_s in taus
     ]  # fmt: skip
+    levels = levels_of_banks(
+        g, experiment.satellite, experiment.rates_m_per_s, tests, experiment.taus_s, share=experiment.share,
+        smoothing_s=experiment.smoothing_s, onset_s=experiment.onset_s, alert=judged.alert,
+    )  # fmt: skip
     table = pd.concat(tables, ignore_index=True)
     if axis == VERTICAL and experiment.asked_axes() is None:
         table = table.drop(columns="axis")
@@ -112,12 +120,18 @@ def run(experiment: TimeRampsExperiment, execution: Execution) -> Findings:
         for method in dict.fromkeys(table.method)
         if method not in set(shown.method)
     )
+    of_levels = () if levels is None else (levels_figure(levels, judged=judged, title=experiment.title),)
     return Findings(
-        summary=summary(shown, geometry, experiment),
-        tables=(Table("time_to_alert", table), Table("geometry", geometry)),
+        summary=summary(shown, geometry, experiment) + (() if levels is None else tuple(level_blocks(levels, judged))),
+        tables=(
+            Table("time_to_alert", table),
+            *(() if levels is None else (Table("levels", levels),)),
+            Table("geometry", geometry),
+        ),
         pictures=(
             alert_figure(shown, judged=judged, title=experiment.title),
             late_figure(shown, title=experiment.title),
+            *of_levels,
         ),
         notes=g.notes + left_out + notes_on_igg3(experiment, int(geometry.redundant.max())),
     )
@@ -226,7 +240,8 @@ def summary(table: pd.DataFrame, geometry: pd.DataFrame, experiment: TimeRampsEx
         f"{experiment.onset_s:g} s on, for {first.monitored_s:g} s; its {judged.axis} slope (error per unit of test "
         f"statistic) is {metres(low)} to {metres(high)} m. {judged.alert.name}, {judged.limits()}. "
         f"{int(first.passes):,} passes a rate, seed {experiment.seed}; every method sees the same errors, of which "
-        f"a share of {first['share']:g} of the variance is correlated (tau), the rest white.",
+        f"a share of {first['share']:g} of the variance is correlated (tau), the rest "
+        + (f"code noise smoothed over {experiment.smoothing_s:g} s." if experiment.smoothing_s else "white."),
         f"Thresholds: at most {100 * p_fa:g} % of {passes:,} fault-free passes with an alarm, so that they "
         f"rest on {int(p_fa * first.false_alarm_passes)} of them; counted again on {passes:,} others. An alarm "
         f"is late if the {called.error} passed {called.limit} more than 6 s (10 s, 30 s) before it. Rates with 95 % "
@@ -284,7 +299,7 @@ def findings(table: pd.DataFrame, *, judged: Judged) -> list[Block]:
 
 
 def answer(tables: Mapping[str, pd.DataFrame], experiment: TimeRampsExperiment) -> tuple[str, ...]:
-    """How slow ramps, fast ramps and false alarms went, at the largest correlation time."""
+    """How slow ramps, fast ramps (or levels) and false alarms went, at the largest correlation time."""
     table = comparable(tables["time_to_alert"])
     tau = float(table.tau_s.max())
     rows = table[(table.tau_s == tau) & (table.hazards > 0)]
@@ -299,7 +314,8 @@ def answer(tables: Mapping[str, pd.DataFrame], experiment: TimeRampsExperiment) 
     if rows.empty:
         return (*sentences, f"No ramp took the {called.error} beyond the alert limit.")
     groups = {group[0]: " = ".join(group) for group in same_methods(table)}
-    for rate, kind in ((rows.rate_m_per_s.min(), "slowest"), (rows.rate_m_per_s.max(), "fastest")):
+    ends = ((rows.rate_m_per_s.min(), "slowest"), (rows.rate_m_per_s.max(), "fastest"))
+    for rate, kind in ends[:1] if "levels" in tables else ends:
         chosen = rows[(rows.rate_m_per_s == rate) & rows.method.isin(list(groups))].set_index("method")
         late = chosen.late_6_rate
         best = [text for name, text in groups.items() if name in late.index[late == late.min()]]
@@ -309,7 +325,7 @@ def answer(tables: Mapping[str, pd.DataFrame], experiment: TimeRampsExperiment) 
             f"of passes with {'; '.join(best)}, the best, and in {_late_text(chosen.loc[late.idxmax()])} with "
             f"{groups[late.idxmax()]}, the worst."
         )
-    return tuple(sentences)
+    return (*sentences, *([level_sentence(tables["levels"])] if "levels" in tables else []))
 
 
 def _by_rate(rows: pd.DataFrame, groups: list[tuple[str, ...]]) -> list[tuple[str, pd.DataFrame]]:

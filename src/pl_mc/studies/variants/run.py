@@ -15,7 +15,7 @@ import pandas as pd
 from pl_mc.alert import VERTICAL
 from pl_mc.engine import Execution
 from pl_mc.engine.swamping import WATCHED, watch_weights
-from pl_mc.engine.table import COUNT_COLUMNS, with_rates
+from pl_mc.engine.table import count_columns, with_rates
 from pl_mc.faults import Faults, no_fault, ramp_sizes_m
 from pl_mc.geometry import Geometry
 from pl_mc.input_errors import InputError
@@ -159,7 +159,7 @@ def run(experiment: VariantsExperiment, execution: Execution) -> Findings:
     # A sweep's parts can hold some of the draws of a fault each.
     keys = ["epoch", "fault", "method"]
     counts = pd.concat(planned.rows(execution)).astype({"fault": str, "method": str})
-    rates = with_rates(counts.groupby(keys, sort=False)[COUNT_COLUMNS].sum().reset_index())
+    rates = with_rates(counts.groupby(keys, sort=False)[count_columns(counts)].sum().reset_index())
     cases = legend.merge(faults, how="cross")
     variants = cases.merge(rates, on=keys, how="left", validate="m:1")
     assert variants.draws.notna().all()
