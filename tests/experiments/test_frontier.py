@@ -10,9 +10,10 @@ from pydantic import ValidationError
 import pl_mc
 from pl_mc.engine import Execution
 from pl_mc.input_errors import InputError
+from pl_mc.methods import method
 from pl_mc.studies.frontier import STUDY
 from pl_mc.studies.frontier.record import FrontierExperiment, Sky
-from pl_mc.studies.frontier.run import one_number
+from pl_mc.studies.frontier.run import _stopped, one_number
 
 pytestmark = pytest.mark.counting
 
@@ -24,6 +25,11 @@ FEW = {
     "limits_m": [10.0],
     "sigma_factors": [1.25],
     "biases_m": [0.5],
+    "noises": [{"name": "student_t", "nu": 4.0}],
+    "correlations": [0.2],
+    "angles_deg": [30.0],
+    "iterations": [2],
+    "pair_priors": [1e-10, 1e-8],
     "skies": [{"name": "a day", "site": "CUT0", "count": 2, "stressed": 1, "constellations": ["GPS", "BDS-2"]}],
     "methods": [
         {"name": "ls", "level_scale": "floored"},
@@ -114,6 +120,33 @@ def test_wrong_assumptions_cost_risk(found) -> None:
     ls = stress.loc["ls(level_scale=floored)"]
     assert 20 < ls.loc["sigma times 1.25", "times"] < 400
     assert 1 < ls.loc["nominal biases of 0.5 m more", "times"] < 1000
+    assert ls.loc["student_t(nu=4,match=sigma)", "times"] > 20
+    assert ls.loc["correlation 0.2 of all satellites", "times"] > 1
+    for _, rows in stress.groupby("method"):
+        pairs = rows.xs("pairs of faults, prior 1e-10 each", level="assumption").iloc[0]
+        more = rows.xs("pairs of faults, prior 1e-08 each", level="assumption").iloc[0]
+        # As much more as the prior is, of what pairs add.
+        np.testing.assert_allclose(
+            more.risk - pairs.risk_as_assumed, 100 * (pairs.risk - pairs.risk_as_assumed), rtol=1e-6
+        )
+        assert more.risk > pairs.risk
+    assert "2 plain iterations" not in set(stress.index.get_level_values("assumption"))
+
+
+def test_estimates_that_stop_early() -> None:
+    """Those that iterate, and those around which a level is separated; at the multiplier of settled ones."""
+    assert _stopped(method("igg3"), 3).name == "igg3(iterations=3)"
+    assert _stopped(method("separated"), 3).estimate.name == "igg3(iterations=3)"
+    assert [_stopped(one, 3) for one in (method("ls"), method("separated", estimate="ls"), method("araim"))] == [
+        None
+    ] * 3
+    assert _stopped(method("separated", estimate="midrange"), 3) is None
+    none = ("noises", "correlations", "angles_deg", "pair_priors", "biases_m", "sigma_factors")
+    changed = {"skies": [FEW["skies"][0] | {"count": 1}], "methods": [{"name": "igg3", "level_scale": "floored"}]}
+    changed |= {key: [] for key in none}
+    stress = STUDY.found(FrontierExperiment.model_validate(FEW | changed), Execution(progress=False)).data["stress"]
+    assert stress.assumption.tolist() == ["2 plain iterations"]
+    assert 0.05 < stress.times[0] < 0.7
 
 
 def test_the_answer_names_the_smallest_level(found) -> None:
@@ -162,6 +195,8 @@ def test_one_number_is_the_largest_and_its_share_that_of_order_statistics() -> N
         ({"skies": [FEW["skies"][0] | {"methods": ["lss"]}]}, "skies", "lss"),
         ({"skies": [FEW["skies"][0] | {"constellations": ["GPX"]}]}, "skies", "GPX"),
         ({"budget": {"p_const": 1e-4}}, "skies", "nothing is left"),
+        ({"noises": [{"name": "empirical", "file": "x.csv"}]}, "noises", "x.csv"),
+        ({"noises": [{"name": "nominal_bias"}]}, "noises", "nearest: student_t"),
         ({"budget": {"p_sat": 2.0}}, "skies", "p_sat: a prior probability"),
         ({"skies": [FEW["skies"][0] | {"site": "world", "start": "soon"}]}, "skies", "a day: start"),
     ],

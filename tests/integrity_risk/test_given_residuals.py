@@ -50,7 +50,7 @@ def test_least_squares_has_its_exact_rates(axis) -> None:
     faults = Faults.from_array(G, bias_m[:, : len(G.names)])
     compared = 0
     for k in (0.5, 2.0, 4.0):
-        chance = drawn.beyond(k / getattr(Ls(), f"k_{axis}"), parts)
+        chance = drawn.beyond(k / getattr(Ls(), f"k_{axis}"))
         expected = exact_rates(G, faults, Ls(), LPV_200, k, axis, "exceeded")
         error = chance.std(axis=1, ddof=1) / np.sqrt(chance.shape[1])
         # Where few draws carry the mean its error is not known.
@@ -65,7 +65,7 @@ def test_rare_events_of_least_squares() -> None:
     risk = LevelRisk(G, with_k(Ls(), 1.0), RiskBudget(), "vertical", draws=FEW, seed=1)
     for target in (1e-3, 1e-6, 1e-8):
         k = stats.t.isf(target / 2, risk.parts.dof)
-        chance = risk.free.beyond(k, risk.parts)[0]
+        chance = risk.free.beyond(k)[0]
         error = chance.std(ddof=1) / np.sqrt(chance.size)
         assert abs(chance.mean() - target) < 5 * error
         assert error < 0.2 * target
@@ -97,7 +97,7 @@ def test_a_robust_estimate_agrees_with_counts() -> None:
     bias_m = np.zeros((1, parts.in_view.size))
     bias_m[0, 3] = 6.0
     noise = np.random.default_rng(11).standard_normal((8 * FEW, parts.in_view.size))
-    chance = draw(parts, one, bias_m, noise).beyond(0.5, parts)[0]
+    chance = draw(parts, one, bias_m, noise).beyond(0.5)[0]
     table = pl_mc.sample(
         G, Faults.from_array(G, bias_m[:, : len(G.names)]), draws=100_000, seed=3, methods=(one,),
         alert=pl_mc.AlertLimits("none", vertical_m=1e6),

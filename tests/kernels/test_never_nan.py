@@ -24,6 +24,7 @@ OPTIONS = (
     IrlsOptions(scale="mad_floored", cofactor="none"),
     IrlsOptions(weight=kernels.TukeyWeight(), scale="posterior", cofactor="reweighted", redundancy="weights"),
     IrlsOptions(weight=kernels.HuberWeight(), scale="mad"),
+    IrlsOptions(covariance="sandwich"),
 )
 
 

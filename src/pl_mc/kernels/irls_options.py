@@ -15,6 +15,8 @@ COFACTORS = ("fault_free", "reweighted", "none")
 REDUNDANCIES = ("all", "kept", "weights")
 STARTS = ("ls", "huber")
 ACCELERATIONS = ("none", "aitken")
+FIXED_WEIGHTS, SANDWICH = "weights", "sandwich"
+COVARIANCES = (FIXED_WEIGHTS, SANDWICH)
 
 # Solutions of the default, with Aitken's acceleration: under the worst of 113 single faults 7 of 8,192 draws have not
 # settled to a centimetre (results/zhao2021.md), for which plain iteration takes twice as many.
@@ -54,6 +56,9 @@ class IrlsOptions:
             are solutions more than ``iterations``.
         weight_floor: the smallest weight factor, below one. With zero satellites can be thrown out; above zero none
             is.
+        covariance: what unit-weight error and cofactors of the final solution make together: ``weights`` the covariance
+            of a solution whose weights were known before, m^2 (A' P_bar A)^-1; ``sandwich`` that of the M-estimate,
+            from its influence function (`pl_mc.kernels.sandwich`), without which there is no solution either.
     """
 
     weight: WeightFunction = Igg3Weight()  # noqa: RUF009 (a frozen record)
@@ -64,12 +69,14 @@ class IrlsOptions:
     start: str = static("ls")
     weight_floor: float | Array = 0.0
     acceleration: str | None = static(None)
+    covariance: str = static(FIXED_WEIGHTS)
 
     def __post_init__(self) -> None:
         require_choice(self.scale, SCALES, field="scale")
         require_choice(self.cofactor, COFACTORS, field="cofactor")
         require_choice(self.redundancy, REDUNDANCIES, field="redundancy")
         require_choice(self.start, STARTS, field="start")
+        require_choice(self.covariance, COVARIANCES, field="covariance")
         if self.iterations is not None:
             hold_whole(self, "iterations", low=1)
         if self.acceleration is not None:

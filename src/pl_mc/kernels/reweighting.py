@@ -7,6 +7,7 @@ computation runs on whitened residuals of the least-squares solution, so that la
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
+from functools import partial
 
 import jax
 import jax.numpy as jnp
@@ -14,9 +15,10 @@ from jax import Array
 
 from pl_mc.kernels.clock_elimination import eliminate_clocks
 from pl_mc.kernels.estimate import Estimate, LeastSquaresSolution, safe_sqrt
-from pl_mc.kernels.irls_options import AITKEN_START, HUBER_START, IrlsOptions
+from pl_mc.kernels.irls_options import AITKEN_START, HUBER_START, SANDWICH, IrlsOptions
 from pl_mc.kernels.linear_model import COORDINATES, LinearModel, add_empty, per_lane, product, redundancy_floor
 from pl_mc.kernels.parameters import is_off
+from pl_mc.kernels.sandwich import sandwich
 from pl_mc.kernels.small_matrix import cholesky, eliminate, inverse_columns, lower_triangle
 from pl_mc.kernels.weights import HuberWeight, L1Weight
 
@@ -116,7 +118,12 @@ def reweighted(
     else:
         dof = jnp.sum(weights * per_lane(model.in_view, weights), axis=0) - model.unknowns
     available = last.determined & (dof > 0)
-    unit_error = safe_sqrt(last.square_sum / jnp.where(available, dof, 1.0))
+    dof = jnp.where(available, dof, 1.0)
+    unit_error, cofactor_m2 = safe_sqrt(last.square_sum / dof), jnp.stack(cofactor)
+    if options.covariance == SANDWICH:
+        size = _standardised(model, last, weights, options, scale)
+        unit_error, cofactor_m2, regular = sandwich(model, last.residuals, size, partial(_weight, options), dof)
+        available = available & regular
     sigma = 1.0 / jnp.where(model.weight_root > 0, model.weight_root, 1.0)
     shift = jnp.stack(last.shift)
     change = jnp.abs(shift[:COORDINATES] - jnp.stack(before.shift[:COORDINATES]))
@@ -125,7 +132,7 @@ def reweighted(
         residuals_m=-last.residuals * per_lane(sigma * model.in_view, weights),
         weights=weights,
         unit_error=jnp.where(available, unit_error, jnp.inf),
-        cofactor_m2=jnp.where(available, jnp.stack(cofactor), jnp.inf),
+        cofactor_m2=jnp.where(available, cofactor_m2, jnp.inf),
         kept=kept,
         change_m=jnp.where(available, jnp.max(change, axis=0), jnp.inf),
         available=available,
@@ -330,11 +337,22 @@ def _weights(
     model: LinearModel, iterate: Iterate, weights: Array, options: IrlsOptions, scale: Array | None = None
 ) -> Array:
     """Weight factors from the residuals of an iterate; ``weights`` are those that produced it."""
+    return _weight(options, _standardised(model, iterate, weights, options, scale))
+
+
+def _weight(options: IrlsOptions, size: Array) -> Array:
+    weights = options.weight(size)
+    return weights if is_off(options.weight_floor) else jnp.maximum(weights, options.weight_floor)
+
+
+def _standardised(
+    model: LinearModel, iterate: Iterate, weights: Array, options: IrlsOptions, scale: Array | None
+) -> Array:
+    """(n, ...), sizes of the residuals of an iterate over their standard deviation and scale."""
     size = jnp.abs(iterate.residuals) * _inverse_residual_sigma(model, weights, options)
     scale = _scale(model, iterate, size, options) if scale is None else scale
     # A perfect fit leaves no scale; it is undetermined or exact, and any finite number serves.
-    weights = options.weight(size * (1.0 / jnp.where(scale > 0, scale, 1.0))[None])
-    return weights if is_off(options.weight_floor) else jnp.maximum(weights, options.weight_floor)
+    return size * (1.0 / jnp.where(scale > 0, scale, 1.0))[None]
 
 
 def _scale(model: LinearModel, iterate: Iterate, size: Array, options: IrlsOptions) -> Array:

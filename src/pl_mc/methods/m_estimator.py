@@ -7,7 +7,7 @@ the variance of the position is taken as m_R^2 (A' P_bar A)^-1:
     VPL_R = K_V m_R sqrt(((A' P_bar A)^-1)_UU),   HPL_R = K_H m_R sqrt(((A' P_bar A)^-1)_EE + (...)_NN).
 
 That is the variance of a weighted least-squares solution whose weights were known before; it is not the asymptotic
-variance of an M-estimate (Huber 1981, section 7.6).
+variance of an M-estimate (Huber 1981, section 7.6), which ``covariance="sandwich"`` puts in its place.
 """
 
 from __future__ import annotations
@@ -38,6 +38,8 @@ class MEstimator(Estimator, ABC):
         level_scale: what multiplies the cofactors in the levels: ``posterior``, the unit-weight error of the solution;
             ``floored``, max(1, that), which the residuals of a few satellites cannot make small by chance; ``apriori``,
             1, the model's own sigma.
+        covariance: of what the levels are: ``weights``, of a solution whose weights were known before; ``sandwich``,
+            of the M-estimate, from its influence function (`pl_mc.kernels.sandwich`).
         k_horizontal, k_vertical: multipliers of the protection levels.
     """
 
@@ -49,6 +51,7 @@ class MEstimator(Estimator, ABC):
     weight_floor: float = 0.0
     acceleration: str | None = static(None)
     level_scale: str = static("posterior")
+    covariance: str = static("weights")
     k_horizontal: float = K_HORIZONTAL
     k_vertical: float = K_VERTICAL
 
@@ -69,7 +72,7 @@ class MEstimator(Estimator, ABC):
         """The kernel's view of these options."""
         return IrlsOptions(
             self.weight, self.iterations, self.scale, self.cofactor, self.redundancy, self.start, self.weight_floor,
-            self.acceleration,
+            self.acceleration, self.covariance,
         )  # fmt: skip
 
     def _estimate(self, model: LinearModel, start: LeastSquaresSolution) -> Estimate:

@@ -41,6 +41,8 @@ class MM(Estimator):
         level_scale: what multiplies the cofactors in the levels: ``posterior``, the unit-weight error of the solution;
             ``floored``, max(1, that), which the residuals of a few satellites cannot make small by chance; ``apriori``,
             1, the model's own sigma.
+        covariance: of what the levels are: ``weights``, of a solution whose weights were known before; ``sandwich``,
+            of the M-estimate, from its influence function (`pl_mc.kernels.sandwich`).
         k_horizontal, k_vertical: multipliers of the protection levels.
     """
 
@@ -53,6 +55,7 @@ class MM(Estimator):
     cofactor: str = static("fault_free")
     redundancy: str = static("all")
     level_scale: str = static("posterior")
+    covariance: str = static("weights")
     k_horizontal: float = K_HORIZONTAL
     k_vertical: float = K_VERTICAL
 
@@ -65,7 +68,9 @@ class MM(Estimator):
     def options(self) -> IrlsOptions:
         """The kernel's view of the second part."""
         weight = TukeyWeight(self.c)
-        return IrlsOptions(weight, self.iterations, cofactor=self.cofactor, redundancy=self.redundancy)
+        return IrlsOptions(
+            weight, self.iterations, cofactor=self.cofactor, redundancy=self.redundancy, covariance=self.covariance
+        )
 
     def _estimate(self, model: LinearModel, start: LeastSquaresSolution) -> Estimate:
         first, weights, scale = s_estimate(model, start, SOptions(self.s_steps))

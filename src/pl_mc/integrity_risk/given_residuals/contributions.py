@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 import numpy as np
 from scipy import special
@@ -18,7 +18,10 @@ from pl_mc.arrays import FloatArray
 from pl_mc.geometry.record import Geometry
 from pl_mc.integrity_risk.given_residuals.budget import RiskBudget, Shares
 from pl_mc.integrity_risk.given_residuals.draws import Drawn, EpochParts, draw
+from pl_mc.integrity_risk.given_residuals.truth import Scaled, Truth
 from pl_mc.methods import Method
+
+AS_BELIEVED = Scaled()
 
 # Roots of the noncentrality of V'PV; the last one stands for a fault without bounds.
 _ROOTS = np.concatenate([np.geomspace(0.5, 64.0, 29), [1e3, 1e5]])
@@ -109,7 +112,7 @@ class LevelRisk:
         axis: ``vertical`` or ``horizontal``.
         draws: of the last estimate of every satellite; the fault-free case has four times as many.
         seed: of the noise, which all methods share; several whole numbers tell geometries apart.
-        sigma_factor: the true sigma over that of the model, which method and level go by.
+        truth: how errors are really distributed; method and level go by independent ones of the model's sigma.
 
     Raises:
         InputError: a budget of which nothing is left.
@@ -124,12 +127,11 @@ class LevelRisk:
         *,
         draws: int = DRAWS,
         seed: int | tuple[int, ...] = 0,
-        sigma_factor: float = 1.0,
+        truth: Truth = AS_BELIEVED,
     ) -> None:
-        nominal = EpochParts.of(g, axis)
-        assert nominal is not None
-        parts = replace(nominal, covariance_m2=sigma_factor**2 * nominal.covariance_m2)
-        self.sigma_factor = sigma_factor
+        parts = EpochParts.of(g, axis)
+        assert parts is not None
+        self.truth = truth
         self.parts, self.method, self.draws, self.seed = parts, method, draws, seed
         self.shares: Shares = budget.shared(g)
         self.allowed = budget.allowed(self.shares, axis)
@@ -157,26 +159,24 @@ class LevelRisk:
         key = self.seed if isinstance(self.seed, tuple) else (self.seed,)
         return np.random.default_rng((*key, purpose))
 
-    def _noise(self, draws: int, purpose: int) -> FloatArray:
-        return self._rng(purpose).standard_normal((draws, self.parts.in_view.size))
-
     def _drawn(self, bias_m: FloatArray, draws: int, purpose: int) -> Drawn:
-        return draw(self.parts, self.method, bias_m, self.sigma_factor * self._noise(draws, purpose))
+        lanes, _ = self.truth.lanes(self.parts, self._rng(purpose), np.ones((draws, 1)))
+        return draw(self.parts, self.method, bias_m, lanes)
 
     def event(self, bias_m: FloatArray, draws: int, purpose: int, k: float) -> FloatArray:
         """(faults, draws), P(event | residuals) at k times the level under biases (faults, n) [m]."""
-        return self._drawn(bias_m, draws, purpose).beyond(k, self.parts)
+        return self._drawn(bias_m, draws, purpose).beyond(k)
 
     def _fault_free(self) -> Drawn:
         draws = _FAULT_FREE_TIMES * self.draws
         shares, strengths = np.array(_STRENGTHS).T
         counts = np.diff(np.round(np.concatenate([[0.0], np.cumsum(shares)]) * draws).astype(int))
-        noise = self._noise(draws, _FREE) * np.repeat(strengths, counts)[:, None] * self.parts.in_view
+        lanes, square = self.truth.lanes(self.parts, self._rng(_FREE), np.repeat(strengths, counts)[:, None])
         # Only residuals count, so only their density does.
-        half = 0.5 * self.parts.residual_square(noise)[:, None]
+        half = 0.5 * square[:, None]
         ratio = counts / draws * strengths**-self.parts.dof * np.exp(half * (1.0 - strengths**-2.0))
         self.plain = int(counts[0])
-        return draw(self.parts, self.method, self.nominal_m, self.sigma_factor * noise, 1.0 / ratio.sum(axis=1))
+        return draw(self.parts, self.method, self.nominal_m, lanes, 1.0 / ratio.sum(axis=1))
 
     def _faults(self, row: int, roots: FloatArray) -> FloatArray:
         """(faults, n), biases of one satellite that give these roots of the noncentrality, with nominal ones [m]."""
@@ -198,7 +198,7 @@ class LevelRisk:
 
     def _worst_sizes(self, k: float) -> FloatArray:
         """(rows, n) [m]."""
-        height = self.grid.beyond(k, self.parts).mean(axis=1).reshape(len(self.rows), -1)
+        height = self.grid.beyond(k).mean(axis=1).reshape(len(self.rows), -1)
         best = height.argmax(axis=1)
         steps = _ROOTS.size
         finer = []
@@ -210,16 +210,16 @@ class LevelRisk:
             finer.append(around.reshape(-1, _BETWEEN, chosen.size)[turn])
         sizes = np.concatenate(finer)
         drawn = self._drawn(sizes, max(self.draws // _FINER_SHARE, 256), _FINER)
-        height = drawn.beyond(k, self.parts).mean(axis=1).reshape(len(self.rows), _BETWEEN)
+        height = drawn.beyond(k).mean(axis=1).reshape(len(self.rows), _BETWEEN)
         return sizes.reshape(len(self.rows), _BETWEEN, -1)[np.arange(len(self.rows)), height.argmax(axis=1)]
 
     def at(self, k: float, faults: WorstFaults | None = None) -> Contributions:
         """The contributions at a multiplier, under faults that were found for it or for one near it."""
         faults = self.worst_faults(k) if faults is None else faults
-        free = self.free.beyond(k, self.parts)
+        free = self.free.beyond(k)
         means = free.mean(axis=1)
         at = int(means.argmax())
-        chance = faults.drawn.beyond(k, self.parts)
+        chance = faults.drawn.beyond(k)
         prior = self.prior[self.rows]
         # The sum of each draw: its scatter is that of the whole.
         sums = prior @ chance
@@ -279,9 +279,7 @@ class LevelRisk:
         """
         # Faults only add to it.
         self.settled = False
-        k = alone = _root(
-            lambda k: self.shares.fault_free * self.free.beyond(k, self.parts).mean(axis=1).max(), self.allowed
-        )
+        k = alone = _root(lambda k: self.shares.fault_free * self.free.beyond(k).mean(axis=1).max(), self.allowed)
         found = None
         for _ in range(_ROUNDS):
             if not math.isfinite(k):

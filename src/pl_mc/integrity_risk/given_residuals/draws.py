@@ -110,11 +110,29 @@ class EpochParts:
 
 
 @dataclass(frozen=True)
+class Lanes:
+    """Draws of whitened errors, and of what they are given their residuals.
+
+    Attributes:
+        noise: (draws, n), whitened errors.
+        shift_m: (draws, k), mean of the least-squares error of an axis given the residuals [m]; None for zero.
+        covariance_m2: (k, k), (1, k, k) or (draws, k, k), its covariance about that.
+        weight: (draws,), of each draw; None for one.
+    """
+
+    noise: FloatArray
+    shift_m: FloatArray | None
+    covariance_m2: FloatArray
+    weight: FloatArray | None = None
+
+
+@dataclass(frozen=True)
 class Drawn:
     """What a method makes of residuals under several faults.
 
     Attributes:
         mean_m: (faults, draws, k), mean of the error given the residuals [m].
+        covariance_m2: (k, k), (1, k, k) or (draws, k, k), its covariance about that.
         level_m: (faults, draws), protection level [m].
         silent: (faults, draws), whether there is a solution that the method's own test does not reject.
         unsettled: (faults, draws), whether the last iteration still moved the position by more than 1 cm.
@@ -123,17 +141,20 @@ class Drawn:
     """
 
     mean_m: FloatArray
+    covariance_m2: FloatArray
     level_m: FloatArray
     silent: NDArray[np.bool_]
     unsettled: NDArray[np.bool_]
     excluded: NDArray[np.int16]
     weight: FloatArray
 
-    def beyond(self, k: float, parts: EpochParts) -> FloatArray:
+    def beyond(self, k: float) -> FloatArray:
         """(faults, draws), weighted P(error beyond k times the level and no rejection | residuals)."""
         chance = np.zeros(self.level_m.shape)
-        alive = self.silent
-        chance[alive] = length_beyond_level(self.mean_m[alive], k * self.level_m[alive], parts.covariance_m2)
+        alive, covariance = self.silent, self.covariance_m2
+        if covariance.ndim == 3:
+            covariance = covariance[np.nonzero(alive)[1]] if len(covariance) > 1 else covariance[0]
+        chance[alive] = length_beyond_level(self.mean_m[alive], k * self.level_m[alive], covariance)
         return chance * self.weight
 
     def alarms(self, k: float, limit_m: float) -> NDArray[np.bool_]:
@@ -142,9 +163,14 @@ class Drawn:
 
 
 def draw(
-    parts: EpochParts, method: Method, bias_m: FloatArray, noise: FloatArray, weight: FloatArray | None = None
+    parts: EpochParts, method: Method, bias_m: FloatArray, drawn: Lanes | FloatArray, weight: FloatArray | None = None
 ) -> Drawn:
-    """What a method makes of the residuals of whitened noise (draws, n) under each of the faults (faults, n) [m]."""
+    """What a method makes of the residuals of draws under each of the faults (faults, n) [m].
+
+    The draws may be whitened noise alone (draws, n), independent and of the sigma of the model.
+    """
+    given = drawn if isinstance(drawn, Lanes) else Lanes(drawn, None, parts.covariance_m2)
+    noise = given.noise
     (draws, n), faults = noise.shape, len(bias_m)
     tiles = -(-draws // _TILE)
     lanes = np.pad(noise, ((0, tiles * _TILE - draws), (0, 0))).reshape(tiles, _TILE, n)
@@ -163,10 +189,15 @@ def draw(
                 whole[case] = np.asarray(values)[: case.size]
     mean = np.moveaxis(mean.reshape(faults, tiles, components, _TILE), 2, 3)
     mean = mean.reshape(faults, tiles * _TILE, components)[:, :draws]
+    if given.shift_m is not None:
+        mean = mean + given.shift_m
     level, silent, unsettled, left_out = (
         value.reshape(faults, tiles * _TILE)[:, :draws] for value in (level, *flags, excluded)
     )
-    return Drawn(mean, level, silent, unsettled, left_out, np.ones(draws) if weight is None else weight)
+    weight = np.ones(draws) if weight is None else weight
+    if given.weight is not None:
+        weight = weight * given.weight
+    return Drawn(mean, given.covariance_m2, level, silent, unsettled, left_out, weight)
 
 
 @functools.partial(jax.jit, static_argnames=("axis", "one_clock_per_row"))
@@ -194,25 +225,28 @@ def _solved(
 
 
 def length_beyond_level(mean_m: FloatArray, level_m: FloatArray, covariance_m2: FloatArray) -> FloatArray:
-    """P(|e| > level) of normal vectors e with means (m, k) and one covariance (k, k), k being 1 or 2.
+    """P(|e| > level) of normal vectors e with means (m, k) and covariances (k, k) or (m, k, k), k being 1 or 2.
 
     Of two components along their principal axes the wider one is integrated in closed form, the narrower one by a rule
     of fixed points over the angle at which it meets the circle: relative error below 1e-6 down to 1e-15.
     """
-    if covariance_m2.shape[0] == 1:
-        sigma = float(np.sqrt(covariance_m2[0, 0]))
+    if covariance_m2.shape[-1] == 1:
+        sigma = np.sqrt(covariance_m2[..., 0, 0])
         shift, limit = mean_m[:, 0] / sigma, level_m / sigma
         return special.ndtr(shift - limit) + special.ndtr(-shift - limit)
     values, vectors = np.linalg.eigh(covariance_m2)
-    narrow, wide = np.sqrt(values)
+    narrow, wide = (np.broadcast_to(np.sqrt(values[..., k]), level_m.shape) for k in (0, 1))
     near = level_m - np.hypot(*mean_m.T) < _FAR * wide
     found = np.zeros(level_m.shape)
-    across, along = (mean_m[near] @ vectors).T
-    found[near] = _beyond_circle(across, along, np.maximum(level_m[near], 1e-12), narrow, wide)
+    across, along = np.einsum("mi,mij->jm", mean_m, np.broadcast_to(vectors, (len(mean_m), 2, 2)))[:, near]
+    limit = np.maximum(level_m[near], 1e-12)
+    found[near] = _beyond_circle(across, along, limit, narrow[near], wide[near])
     return found
 
 
-def _beyond_circle(across: FloatArray, along: FloatArray, limit: FloatArray, narrow: float, wide: float) -> FloatArray:
+def _beyond_circle(
+    across: FloatArray, along: FloatArray, limit: FloatArray, narrow: FloatArray, wide: FloatArray
+) -> FloatArray:
     """P(|e| > limit) of vectors with means along the axes of the standard deviations ``narrow`` and ``wide``."""
     points, weights = special.roots_legendre(_NODES)
     low = np.arcsin(np.clip((across - _REACH * narrow) / limit, -1.0, 1.0))

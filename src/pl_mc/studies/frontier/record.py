@@ -14,7 +14,8 @@ from pl_mc.geometry import Geometry, simulate
 from pl_mc.geometry.gps_time import gps_dates, gps_seconds
 from pl_mc.integrity_risk.given_residuals import RiskBudget
 from pl_mc.integrity_risk.given_residuals.budget import as_budget
-from pl_mc.studies.spec import ByOneLevel, Strict
+from pl_mc.integrity_risk.given_residuals.truth import Alike, Neighbours, OfNoise, Scaled, Truth
+from pl_mc.studies.spec import ByOneLevel, NoiseChoice, Strict
 
 WORLD = "world"
 
@@ -81,6 +82,13 @@ class FrontierExperiment(ByOneLevel):
         limits_m: limits of the level whose availability is told, that of the alert aside [m].
         sigma_factors: true sigma over that of the model, as what may be wrong.
         biases_m: nominal biases that the multiplier did not know of [m].
+        noises: true laws of the errors, each a noise model that is Gaussian once something else is drawn:
+            ``student_t``, ``gaussian_mixture`` or ``multipath``.
+        correlations: true correlation of the errors of every two satellites, in units of sigma.
+        angles_deg: angle between two satellites over which the true correlation of their errors falls to 1/e.
+        iterations: plain iterations after which an estimate stops, settled or not, of methods that have any.
+        pair_priors: prior of a fault of each two satellites, along the direction that residuals show least and of the
+            worst size of it, whose event is then estimated and not counted as lost.
         independent: independent samples of an approach, by which alarms add up to discontinuity.
         besides: ``pairs`` of satellites, ``constellations``: faults that the budget counts as lost, of which the event
             is estimated all the same, along the direction that residuals show least.
@@ -98,6 +106,11 @@ class FrontierExperiment(ByOneLevel):
     limits_m: tuple[_Positive, ...] = (20.0, 15.0, 10.0)
     sigma_factors: tuple[_Positive, ...] = (1.1, 1.25, 1.5)
     biases_m: tuple[_Positive, ...] = (0.25, 0.75)
+    noises: tuple[NoiseChoice, ...] = ()
+    correlations: tuple[Annotated[float, Field(gt=0, lt=1)], ...] = ()
+    angles_deg: tuple[_Positive, ...] = ()
+    iterations: tuple[Annotated[int, Field(ge=1, le=1000)], ...] = ()
+    pair_priors: tuple[Annotated[float, Field(gt=0, lt=1e-2)], ...] = ()
     independent: int = Field(default=25, ge=1)
     besides: tuple[Literal["pairs", "constellations"], ...] = ()
     continuity: Annotated[float, Field(gt=0, lt=1)] | None = None
@@ -110,6 +123,16 @@ class FrontierExperiment(ByOneLevel):
         if twice:
             raise PydanticCustomError("twice", "two skies are called {name}", {"name": twice[0]})
         return skies
+
+    @property
+    def truths(self) -> tuple[Truth, ...]:
+        """What errors may really be like."""
+        return (
+            *(Scaled(factor) for factor in self.sigma_factors),
+            *(OfNoise(choice.build()) for choice in self.noises),
+            *(Alike(share) for share in self.correlations),
+            *(Neighbours(angle) for angle in self.angles_deg),
+        )
 
     def risk_budget(self) -> RiskBudget:
         """The budget, checked."""

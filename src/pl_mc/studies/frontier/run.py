@@ -11,7 +11,7 @@ import zlib
 from collections.abc import Iterator
 from dataclasses import replace
 from functools import partial
-from typing import Any
+from typing import Any, cast
 
 import numpy as np
 import pandas as pd
@@ -87,8 +87,8 @@ def run(experiment: FrontierExperiment, execution: Execution) -> Findings:
     tables.append(Table("curves", curves))
     if len(stress):
         stress = stress.groupby(["sky", "method", "assumption"], sort=False, as_index=False).agg(
-            geometries=("risk", "size"), risk=("risk", "mean"), risk_as_assumed=("risk_as_assumed", "mean"),
-            times=("times", "median"), times_most=("times", "max"),
+            geometries=("risk", "size"), risk=("risk", "mean"), error=("error", "max"),
+            risk_as_assumed=("risk_as_assumed", "mean"), times=("times", "median"), times_most=("times", "max"),
         )  # fmt: skip
         tables.append(Table("stress", stress))
     if len(besides):
@@ -188,19 +188,42 @@ def _stressed(
     assumed: float,
     options: dict[str, Any],
 ) -> list[dict[str, Any]]:
-    """The risk at the same multiplier where sigma or nominal biases are not what they were taken for."""
+    """The risk at the same multiplier where errors, nominal biases or faults are not what they were taken for."""
     rows = []
-    for factor in experiment.sigma_factors:
-        risk = LevelRisk(g, unit, budget, axis, sigma_factor=factor, **options).at(k).analysed
-        rows.append((f"sigma times {factor:g}", risk))
+    for truth in experiment.truths:
+        rows.append((truth.name, LevelRisk(g, unit, budget, axis, truth=truth, **options).at(k)))
     for bias_m in experiment.biases_m:
         biased = replace(budget, b_nom_m=budget.b_nom_m + bias_m)
-        risk = LevelRisk(g, unit, biased, axis, **options).at(k).analysed
-        rows.append((f"nominal biases of {bias_m:g} m more", risk))
+        rows.append((f"nominal biases of {bias_m:g} m more", LevelRisk(g, unit, biased, axis, **options).at(k)))
+    for count in experiment.iterations:
+        fewer = _stopped(unit, count)
+        if fewer is not None:
+            rows.append((f"{count} plain iterations", LevelRisk(g, fewer, budget, axis, **options).at(k)))
+    found = [(what, at.analysed, at.error) for what, at in rows]
+    if experiment.pair_priors:
+        risk = LevelRisk(g, unit, budget, axis, **options)
+        at, sets = risk.at(k), sets_of(g, PAIRS, risk.prior.size)[0]
+        pairs = several(risk, k, sets)
+        for prior in experiment.pair_priors:
+            known = at.analysed + prior * float(pairs.probability.sum())
+            error = math.hypot(at.error, prior * float(pairs.error.sum()))
+            found.append((f"pairs of faults, prior {prior:g} each", known, error))
     return [
-        {"assumption": what, "risk": risk, "risk_as_assumed": assumed, "times": risk / assumed if assumed else math.nan}
-        for what, risk in rows
-    ]
+        {
+            "assumption": what, "risk": risk, "error": error, "risk_as_assumed": assumed,
+            "times": risk / assumed if assumed else math.nan,
+        }
+        for what, risk, error in found
+    ]  # fmt: skip
+
+
+def _stopped(method: Any, count: int) -> Method | None:
+    """The same method whose estimate stops after so many iterations; None without any."""
+    fields = getattr(method, "__dataclass_fields__", {})
+    if "iterations" in fields:
+        return cast(Method, replace(method, iterations=count))
+    within = _stopped(method.estimate, count) if "estimate" in fields else None
+    return None if within is None else cast(Method, replace(method, estimate=within))
 
 
 def _besides(g: Geometry, risk: LevelRisk, k: float, kind: str) -> list[dict[str, Any]]:
@@ -282,12 +305,14 @@ def _of_sky(experiment: FrontierExperiment, sky: Sky) -> list[Method]:
 
 def work(experiment: FrontierExperiment) -> Work:
     """Scenarios of all estimates."""
-    wrong = len(experiment.sigma_factors) + len(experiment.biases_m)
+    wrong = len(experiment.truths) + len(experiment.biases_m) + len(experiment.iterations)
     looks = sum((sky.count + wrong * sky.stressed) * len(_of_sky(experiment, sky)) for sky in experiment.skies)
     scenarios = int(looks * experiment.draws * _PER_DRAW)
-    if PAIRS in experiment.besides:
-        # Some twenty satellites have two hundred pairs, each tried at several sizes.
-        scenarios += sum(sky.count * len(_of_sky(experiment, sky)) for sky in experiment.skies) * _OF_PAIRS
+    # Some twenty satellites have two hundred pairs, each tried at several sizes.
+    of_pairs = [(PAIRS in experiment.besides) * sky.count for sky in experiment.skies]
+    of_pairs += [bool(experiment.pair_priors) * sky.stressed for sky in experiment.skies]
+    methods = [len(_of_sky(experiment, sky)) for sky in experiment.skies] * 2
+    scenarios += sum(count * each for count, each in zip(of_pairs, methods, strict=True)) * _OF_PAIRS
     return Work(scenarios, scenarios / _SCENARIOS_PER_S)
 
 
@@ -295,6 +320,7 @@ def checks(experiment: FrontierExperiment, g: Geometry | None) -> Iterator[Check
     """Budget, skies, and the methods that they name."""
     yield "budget", experiment.risk_budget
     yield "continuity", partial(require_exposure, experiment)
+    yield "noises", lambda: experiment.truths
     names = [one.name for one in experiment.method_records()]
     for sky in experiment.skies:
         yield "skies", partial(_built, sky, experiment)

@@ -122,7 +122,14 @@ def summary(
             TextTable.of(
                 ["sky", "method", "assumption", "risk", "times (median)", "times (largest)"],
                 [
-                    [row.sky, row.method, row.assumption, number(row.risk), number(row.times), number(row.times_most)]
+                    [
+                        row.sky,
+                        row.method,
+                        row.assumption,
+                        f"{number(row.risk)} +- {row.error:.1g}",
+                        number(row.times),
+                        number(row.times_most),
+                    ]
                     for row in stress.itertuples()
                 ],
             ),
