@@ -8,7 +8,7 @@ from pl_mc.cli.printing import Flag, Json, Progress, Quiet, print_json, result_c
 from pl_mc.input_errors import InputError
 
 
-def report(folder: Path, /, *, json: Json = False, quiet: Quiet = False) -> None:
+def report(folder: Path, /, *, tex: Path | None = None, json: Json = False, quiet: Quiet = False) -> None:
     """Make the page of a run, `report.html`, again from what its results folder holds.
 
     Example: `pl-mc report runs/ramp`
@@ -17,13 +17,17 @@ def report(folder: Path, /, *, json: Json = False, quiet: Quiet = False) -> None
     ----------
     folder
         A results folder.
+    tex
+        A `.tex` file for the tables of the summary in LaTeX (booktabs), beside the page.
     json
         Print folder, files, answer and notes as JSON.
     quiet
         Print the path of the page alone.
     """
-    from pl_mc.experiments.reading import remake_page
+    from pl_mc.experiments.reading import remake_page, write_tex
 
+    if tex is not None:
+        write_tex(folder, tex)
     result = remake_page(folder)
     if json:
         print_json(result_content(result))

@@ -14,11 +14,12 @@ from pl_mc.experiments.loading import build_experiment, in_this_version
 from pl_mc.experiments.output import record_page, result_folder
 from pl_mc.experiments.running import RunResult
 from pl_mc.experiments.source_files import experiment_of
-from pl_mc.input_errors import InputError
+from pl_mc.input_errors import InputError, system_reason
 from pl_mc.report.charts import charts_of
 from pl_mc.report.comparison import Comparison, combined_tables, compare_runs, row_name
 from pl_mc.report.document import Document, FigureEntry, TableEntry
 from pl_mc.report.files import from_markdown, write_table
+from pl_mc.report.latex import to_latex
 from pl_mc.report.page import PAGE, PageTable, charts_within_limit, page_table, render, text_table, write_page
 from pl_mc.report.run_folder import MANIFEST, RunFolder, read_run_folder
 from pl_mc.report.text import percent
@@ -41,19 +42,7 @@ def remake_page(folder: Path) -> RunResult:
             stored no report and whose experiment means nothing today.
     """
     run = read_run_folder(folder)
-    document, meanings = run.document, dict[str, str]()
-    try:
-        experiment = build_experiment(run.experiment, source=MANIFEST)
-    except InputError as error:
-        # A run of another version may have fields that this one does not know; the page does without their meaning.
-        if document is None:
-            raise InputError(
-                f"{folder}: it holds no report.json, and its experiment is not one of today, from which the page "
-                f"could be made ({error})."
-            ) from None
-    else:
-        meanings = meanings_of(experiment)
-        document = document or document_of_files(run, experiment)
+    document, meanings = _document(run)
     try:
         write_page(replace(run, document=document), meanings=meanings)
         record_page(folder, PAGE)
@@ -66,6 +55,35 @@ def remake_page(folder: Path) -> RunResult:
     gone += [f"{entry.name}.png" for entry in document.figures if entry.name not in run.figures]
     notes = (*run.notes, *(f"{name} is not in the folder; the page does without it." for name in gone))
     return RunResult(folder=folder, summary=run.summary, notes=notes, answer=document.answer, page=PAGE)
+
+
+def _document(run: RunFolder) -> tuple[Document, dict[str, str]]:
+    """What a run has to say, and what the fields of its experiment mean."""
+    try:
+        experiment = build_experiment(run.experiment, source=MANIFEST)
+    except InputError as error:
+        # A run of another version may have fields that this one does not know; the page does without their meaning.
+        if run.document is None:
+            raise InputError(
+                f"{run.folder}: it holds no report.json, and its experiment is not one of today, from which the page "
+                f"could be made ({error})."
+            ) from None
+        return run.document, {}
+    return run.document or document_of_files(run, experiment), meanings_of(experiment)
+
+
+def write_tex(folder: Path, place: Path) -> None:
+    """Write the tables of a run's summary as LaTeX.
+
+    Raises:
+        InputError: as `remake_page`; a place that is no ``.tex`` file in a folder that is there.
+    """
+    if place.suffix != ".tex" or not place.parent.is_dir() or place.is_dir():
+        raise InputError(f"--tex: {place}: the name of a .tex file in a folder that is there is needed.")
+    try:
+        write_whole(place, to_latex(_document(read_run_folder(folder))[0]))
+    except OSError as error:
+        raise InputError(f"{place}: it cannot be written ({system_reason(error)}).") from None
 
 
 def document_of_files(run: RunFolder, experiment: Experiment) -> Document:
