@@ -18,7 +18,7 @@ from pl_mc.engine.part_task import environment
 from pl_mc.experiments.loading import load_experiment
 from pl_mc.experiments.output import content_hash, file_hash, input_hashes, recorded_versions
 from pl_mc.experiments.running import run_experiment
-from pl_mc.input_errors import InputError
+from pl_mc.input_errors import InputError, system_reason
 from pl_mc.report.page import PAGE
 from pl_mc.report.run_folder import MANIFEST, changed_fields, read_run_folder
 from pl_mc.runtime.small_files import parsed_json, read_text
@@ -99,14 +99,17 @@ def verify(folder: Path, *, partial: bool = False, redo: bool = False, progress:
     changed = [] if total == content_hash(manifest) else [MANIFEST]
     there = [name for name in files if os.path.lexists(folder / name)]
     changed += [name for name in there if not _is_as_written(folder / name, files[name])]
+    inputs, absent = ([], []) if MANIFEST in changed else _inputs(folder, manifest)
+    if PAGE not in files:
+        absent.append(f"{PAGE}: the run was of a version that kept no hash of it.")
     found = Verified(
         folder=folder,
         intact=tuple(name for name in there if name not in changed),
         changed=tuple(changed),
         missing=() if partial else tuple(sorted(set(files) - set(there))),
         foreign=tuple(_foreign(folder, files)),
-        inputs=tuple(_inputs(folder, manifest)) if MANIFEST not in changed else (),
-        notes=() if PAGE in files else (f"{PAGE}: the run was of a version that kept no hash of it.",),
+        inputs=tuple(inputs),
+        notes=tuple(absent),
     )
     return _redone(found, manifest, progress) if redo and MANIFEST not in changed else found
 
@@ -120,17 +123,18 @@ def _foreign(folder: Path, files: Mapping[str, str]) -> list[str]:
     return sorted(path.name for path in folder.iterdir() if path.name not in known)
 
 
-def _inputs(folder: Path, manifest: Mapping[str, Any]) -> list[str]:
-    """A sentence for each file that the run read and that is not what it was."""
+def _inputs(folder: Path, manifest: Mapping[str, Any]) -> tuple[list[str], list[str]]:
+    """A sentence for each file that the run read and that is not what it was; and for what is not at hand."""
     recorded = manifest.get("inputs")
     if not recorded:
-        return []
-    _, experiment = load_experiment(str(folder / MANIFEST))
+        return [], []
     try:
-        now = input_hashes(experiment)
+        now = input_hashes(load_experiment(str(folder / MANIFEST))[1])
+    except InputError as error:
+        return [], [f"What the run read is not at hand, and was not held against anything ({str(error).rstrip('.')})."]
     except OSError as error:
-        return [f"{error.filename}: the run read it, and it cannot be read."]
-    return [f"{field}: {was} then, {is_} now." for field, was, is_ in changed_fields(recorded, now)]
+        return [], [f"{error.filename}: the run read it, and it cannot be read ({system_reason(error)})."]
+    return [f"{field}: {was} then, {is_} now." for field, was, is_ in changed_fields(recorded, now)], []
 
 
 def _redone(found: Verified, manifest: Mapping[str, Any], progress: bool | None) -> Verified:
