@@ -8,7 +8,6 @@ from pathlib import Path
 from pl_mc.cli.printing import Draws, Flag, Json, Quiet, Seed, Texts, Which, overrides, print_json
 from pl_mc.input_errors import InputError, system_reason
 from pl_mc.runtime.kept_programs import keep_programs
-from pl_mc.runtime.late_imports import late_imports
 
 
 def list_experiments(*, json: Json = False, quiet: Quiet = False) -> None:
@@ -54,10 +53,9 @@ def init(which: str = "sweep", /, *, out: Path | None = None) -> None:
     out
         The file to write; standard output unless given. A file that is there is left alone.
     """
-    with late_imports():
-        from pl_mc.experiments.template import template_for
+    from pl_mc.experiments.template import template_for
 
-        text = template_for(which)
+    text = template_for(which)
     if out is None:
         print(text, end="")
         return
@@ -112,10 +110,9 @@ def check(
     read_source(experiment)
     if measure:
         keep_programs()
-    with late_imports():
-        from pl_mc.experiments.checking import check_experiment
+    from pl_mc.experiments.checking import check_experiment
 
-        found = check_experiment(experiment, overrides(draws, seed), faults=fault, measure=measure)
+    found = check_experiment(experiment, overrides(draws, seed), faults=fault, measure=measure)
     if json:
         problems, cost = [asdict(one) for one in found.problems], found.cost and asdict(found.cost)
         print_json({"name": found.name, "sound": not problems, "problems": problems, "cost": cost})

@@ -15,7 +15,7 @@ import jax.numpy as jnp
 import numpy as np
 import pandas as pd
 from numpy.typing import ArrayLike
-from scipy import stats
+from scipy import special
 
 from pl_mc.alert import LPV_200, VERTICAL, AlertLimits
 from pl_mc.araim.solving import fit_subsets
@@ -213,7 +213,7 @@ def _at_rate(found: UnderRamp, rate: float, interval_s: float, limit_m: float) -
     missed = np.where(within, beyond_unseen(np.full_like(level, limit_m), threshold, means, found.covariance_m2), 0.0)
     at_alarm = {percent: _from_then_on(alarms >= percent / 100.0) for percent in (50, 95)}
     half = at_alarm[50]
-    bound = np.where(level > threshold, stats.norm.sf((level - threshold) / believed[:, 1]), 1.0)
+    bound = np.where(level > threshold, special.ndtr((threshold - level) / believed[:, 1]), 1.0)
     worst = int(np.argmax(misleading))
     return {
         "rate_m_per_s": rate, "epochs": len(level), "available": int(within.sum()),
@@ -229,7 +229,7 @@ def _at_rate(found: UnderRamp, rate: float, interval_s: float, limit_m: float) -
 def _outside(limit_m: FloatArray, mean_m: FloatArray, sigma_m: FloatArray) -> FloatArray:
     """P(|x| > limit) of normal numbers."""
     scale = np.where(sigma_m > 0, sigma_m, 1e-12)
-    upper, lower = stats.norm.sf((limit_m - mean_m) / scale), stats.norm.sf((limit_m + mean_m) / scale)
+    upper, lower = special.ndtr((mean_m - limit_m) / scale), special.ndtr(-(limit_m + mean_m) / scale)
     return np.asarray(np.where(np.isfinite(limit_m), upper + lower, 0.0))
 
 

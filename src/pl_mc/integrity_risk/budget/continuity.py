@@ -19,7 +19,7 @@ import numpy as np
 import pandas as pd
 from jax import Array
 from numpy.typing import ArrayLike
-from scipy import stats
+from scipy import special
 
 from pl_mc.alert import LPV_200, AlertLimits, as_axis
 from pl_mc.araim.budget import V42
@@ -38,7 +38,7 @@ from pl_mc.methods import Method, as_methods
 from pl_mc.methods.araim import NONE, Araim
 from pl_mc.methods.raim_levels import thresholds
 from pl_mc.runtime.precision import precision_scope
-from pl_mc.statistics.intervals import clopper_pearson
+from pl_mc.statistics.intervals import clopper_pearson, shared_noise_bounds
 
 FAULT_FREE, TOTAL = "none", "total"
 _CONFIDENCE = 0.95
@@ -161,11 +161,8 @@ def _of_method(
     rows = [_row(method, FAULT_FREE, 0.0, 1.0)]
     noise, share, union = failing(tests, limit, root, _chi2(method, epoch, root), rare_draws, seed)
     weight = alarming(noise, np.zeros((1, n)))[0] * share
-    # Shares of at most one spread no more than counts of the same mean: the bounds of Clopper and Pearson, between
-    # whole numbers.
-    seen, left = float(weight.sum()), (1.0 - _CONFIDENCE) / 2.0
-    low = float(stats.beta.ppf(left, seen, rare_draws - seen + 1.0)) if seen > 0 else 0.0
-    high = float(stats.beta.isf(left, seen + 1.0, rare_draws - seen)) if seen < rare_draws else 1.0
+    # Shares of at most one spread no more than counts of the same mean.
+    low, high = map(float, shared_noise_bounds(min(weight.mean(), 1.0), rare_draws, _CONFIDENCE))
     always = bool(alarming(np.zeros((n, 1)), np.zeros((1, n))).all())
     found = (1.0, 1.0, 1.0) if always else (union * weight.mean(), union * low, min(union * high, 1.0))
     rows[0] |= _columns("alarm", found)
@@ -241,9 +238,9 @@ def failing(
     length = np.linalg.norm(along, axis=1)
     kept = (length > 0) & np.isfinite(limit)
     along, beta = along[kept] / length[kept, None], limit[kept] / length[kept]
-    own = 2.0 * stats.norm.sf(beta)
+    own = 2.0 * special.ndtr(-beta)
     columns, square = chi2 if chi2 is not None else (np.zeros((len(root), 0)), np.inf)
-    tail = float(stats.chi2.sf(square, columns.shape[1])) if columns.shape[1] else 0.0
+    tail = float(special.chdtrc(columns.shape[1], square)) if columns.shape[1] else 0.0
     chances = np.append(own, tail)
     total = float(chances.sum())
     unit = rng.standard_normal((draws, len(root)))
@@ -251,10 +248,10 @@ def failing(
     part, sign = rng.uniform(size=draws), rng.choice([-1.0, 1.0], size=draws)
     plane = chosen < len(beta)
     j = chosen[plane]
-    size = sign[plane] * stats.norm.isf(part[plane] * stats.norm.sf(beta[j]))
+    size = -sign[plane] * special.ndtri(part[plane] * special.ndtr(-beta[j]))
     unit[plane] += (size - np.einsum("di,di->d", unit[plane], along[j]))[:, None] * along[j]
     inside = unit[~plane] @ columns
-    radius = np.sqrt(stats.chi2.isf(part[~plane] * tail, columns.shape[1])) if columns.shape[1] else np.zeros(0)
+    radius = np.sqrt(special.chdtri(columns.shape[1], part[~plane] * tail)) if columns.shape[1] else np.zeros(0)
     if inside.size:
         unit[~plane] += (inside * (radius / np.linalg.norm(inside, axis=1) - 1.0)[:, None]) @ columns.T
     fail = (np.abs(unit @ along.T) > beta * (1.0 - 1e-12)).sum(axis=1)
