@@ -341,5 +341,5 @@ def test_a_satellite_that_nothing_checks_has_no_level_under_its_ramp() -> None:
         without=("G05", "G10"),
     )
     assert (four.satellite_count == 4).all()
-    with pytest.raises(InputError, match="^satellite: without G11 some epochs of the pass have no position"):
+    with pytest.raises(InputError, match=r"^satellite: without G11 some epochs of the pass have no position"):
         sequential_levels(four, SATELLITE, [0.1], BANKS, **COMMON)
