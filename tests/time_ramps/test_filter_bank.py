@@ -231,9 +231,8 @@ def test_beyond_unseen_is_the_law_of_two_normal_numbers() -> None:
     covariance = np.array([[[4.0, 1.5], [1.5, 2.0]]])
     mean = np.array([[3.0, -1.0]])
     law = stats.multivariate_normal(mean[0], covariance[0], abseps=1e-12, releps=1e-12, maxpts=10**6)
-    below = lambda x, y: law.cdf([x, y])  # noqa: E731
-    passes = below(np.inf, 2.0) - below(np.inf, -2.0)
-    inside = below(4.0, 2.0) - below(4.0, -2.0) - below(-4.0, 2.0) + below(-4.0, -2.0)
+    passes = law.cdf([np.inf, 2.0]) - law.cdf([np.inf, -2.0])
+    inside = law.cdf([4.0, 2.0]) - law.cdf([4.0, -2.0]) - law.cdf([-4.0, 2.0]) + law.cdf([-4.0, -2.0])
     found = beyond_unseen(np.array([4.0]), np.array([2.0]), mean, covariance)
     np.testing.assert_allclose(found, passes - inside, rtol=1e-7)
     # Independent numbers: the product, also far out, where ten times the threshold is the mean of the separation.
@@ -271,11 +270,8 @@ def test_what_misleads_is_within_what_the_level_allows(table: pd.DataFrame) -> N
 
 def test_order_and_scale_change_nothing(g: pl_mc.Geometry, table: pd.DataFrame) -> None:
     turned = np.argsort(np.where(g.in_view, -g.satellite, 1), axis=1, kind="stable")
-    take = lambda values: np.take_along_axis(values, turned, axis=1)  # noqa: E731
-    other = dataclasses.replace(
-        g, design=np.take_along_axis(g.design, turned[:, :, None], axis=1), sigma_m=take(g.sigma_m),
-        in_view=take(g.in_view), satellite=take(g.satellite),
-    )  # fmt: skip
+    moved = {name: np.take_along_axis(getattr(g, name), turned, axis=1) for name in ("sigma_m", "in_view", "satellite")}
+    other = dataclasses.replace(g, design=np.take_along_axis(g.design, turned[:, :, None], axis=1), **moved)
     again = sequential_levels(other, SATELLITE, [0.0, 0.02, 0.2, 5.0], BANKS, **COMMON)
     pd.testing.assert_frame_equal(again, table, rtol=1e-6)
     # Twice the errors, the motion, the ramp and the limits: twice the levels. But for what filters know beforehand,
@@ -334,3 +330,16 @@ def test_levels_that_cannot_be_had_are_refused(g: pl_mc.Geometry) -> None:
         with pytest.raises(InputError, match="^" + words.split(":")[0]) as caught:
             sequential_levels(g, **given)
         assert words in str(caught.value)
+
+
+def test_a_satellite_that_nothing_checks_has_no_level_under_its_ramp() -> None:
+    four = pl_mc.simulate(
+        start="2017-11-21T09:40:00",
+        epochs=EPOCHS,
+        interval_s=INTERVAL_S,
+        constellations=("GPS",),
+        without=("G05", "G10"),
+    )
+    assert (four.satellite_count == 4).all()
+    with pytest.raises(InputError, match=r"^satellite: without G11 some epochs of the pass have no position"):
+        sequential_levels(four, SATELLITE, [0.1], BANKS, **COMMON)

@@ -203,8 +203,11 @@ def separation_levels(
     number = used.sum(axis=1)
     none = (1.0 - bank.p_sat) ** number
     one = none * bank.p_sat / (1.0 - bank.p_sat)
-    # The same on all three axes, of which the last is used.
-    axes = lambda values: jnp.asarray(np.broadcast_to(values.T, (UP + 1, *values.T.shape)))  # noqa: E731
+
+    def axes(values: FloatArray) -> Array:
+        """The same on all three axes, of which the last is used."""
+        return jnp.asarray(np.broadcast_to(values.T, (UP + 1, *values.T.shape)))
+
     nothing, empty = jnp.zeros((UP + 1, used.shape[1], len(used))), jnp.zeros((UP + 1, 1, used.shape[1], len(used)))
     whole = Whole(axes(sigma[:, 0]), nothing[:, 0], axes(sigma[:, 0]), jnp.asarray(solved[:, 0]), empty[:, :, 0])
     modes = Subsets(empty, axes(sigma[:, 1:]), nothing, axes(separation), jnp.asarray(solved[:, 1:].T))
