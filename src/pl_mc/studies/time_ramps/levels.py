@@ -3,11 +3,10 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 import pandas as pd
-from matplotlib.figure import Figure
 
 from pl_mc.alert import Judged
 from pl_mc.geometry import Geometry
@@ -17,6 +16,9 @@ from pl_mc.report.findings import picture
 from pl_mc.report.text import metres, probability_text
 from pl_mc.studies.time_ramps.figures import line, plain_ticks
 from pl_mc.time_ramps import FilterBank, sequential_levels
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
 
 # Below, a probability is of no interest to any budget.
 _LEAST = 1e-12
