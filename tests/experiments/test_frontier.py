@@ -91,7 +91,7 @@ def test_continuity_is_that_of_the_function() -> None:
         "mfd_const_h": 1.0,
     }  # fmt: skip
     timed = {"name": "araim", "standard": "v4.2", "budget": "LPV-200 v4.2", "ism": ism}
-    sky = {"name": "world", "count": 1, "mask_deg": 5, "constellations": ["ADD-24+24"], "error_model": "dual_frequency"}
+    sky = {"name": "world", "count": 1, "mask_deg": 20, "constellations": ["ADD-24+24"], "error_model": "dual_frequency"}
     changed = {"skies": [sky], "methods": [{"name": "araim"}, timed, timed | {"exclusion": "satellites"}]}
     experiment = FrontierExperiment.model_validate(FEW | changed | {"continuity": 8e-5})
     result = STUDY.found(experiment, Execution(progress=False))
