@@ -12,6 +12,7 @@ from pl_mc.engine import Execution
 from pl_mc.input_errors import InputError
 from pl_mc.methods import method
 from pl_mc.studies.frontier import STUDY
+from pl_mc.studies.frontier.figures import frontier_figure
 from pl_mc.studies.frontier.record import FrontierExperiment, Sky
 from pl_mc.studies.frontier.run import _stopped, one_number
 
@@ -91,7 +92,13 @@ def test_continuity_is_that_of_the_function() -> None:
         "mfd_const_h": 1.0,
     }  # fmt: skip
     timed = {"name": "araim", "standard": "v4.2", "budget": "LPV-200 v4.2", "ism": ism}
-    sky = {"name": "world", "count": 1, "mask_deg": 20, "constellations": ["ADD-24+24"], "error_model": "dual_frequency"}
+    sky = {
+        "name": "world",
+        "count": 1,
+        "mask_deg": 20,
+        "constellations": ["ADD-24+24"],
+        "error_model": "dual_frequency",
+    }
     changed = {"skies": [sky], "methods": [{"name": "araim"}, timed, timed | {"exclusion": "satellites"}]}
     experiment = FrontierExperiment.model_validate(FEW | changed | {"continuity": 8e-5})
     result = STUDY.found(experiment, Execution(progress=False))
@@ -157,6 +164,19 @@ def test_the_answer_names_the_smallest_level(found) -> None:
     assert "separated(estimate=midrange,p_const=0) with" in silent
     assert "1 sky of 2 geometries" in judged
     assert {picture.name for picture in found.pictures} == {"frontier", "multipliers"}
+
+
+@pytest.mark.drawn
+def test_the_legend_of_many_methods_stands_within_the_figure_of_one_sky() -> None:
+    names = [f"separated(estimate=midrange,p_const=0,b_nom_m=0.{k:02d})" for k in range(15)]
+    frontier = pd.DataFrame({"sky": "s", "method": names, "allowed": 8e-8, "level_mean_m": 8.0})
+    curves = pd.DataFrame({"sky": "s", "method": names, "factor": 1.0, "level_m": 8.0, "risk": 1e-8})
+    figure = frontier_figure(curves, frontier, axis="vertical", title="t").figure
+    figure.canvas.draw()
+    (legend,) = figure.legends
+    box, whole = legend.get_window_extent(), figure.bbox
+    assert whole.x0 <= box.x0 < box.x1 <= whole.x1
+    assert whole.y0 <= box.y0 < box.y1 <= whole.y1
 
 
 def test_random_users_are_spread_by_area() -> None:

@@ -1,4 +1,4 @@
-"""Why jackknife ARAIM is no method of its own: under Gaussian errors its tests are those of solution separation."""
+"""Why jackknife ARAIM is no method of its own here: under Gaussian errors it tests what solution separation tests."""
 
 from __future__ import annotations
 

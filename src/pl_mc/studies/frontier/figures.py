@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 import pandas as pd
@@ -23,10 +23,23 @@ _FURTHER = (
     SeriesStyle("#117733", "--", "X"),
     SeriesStyle("#332288", "-.", "p"),
     SeriesStyle("#661100", ":", "d"),
+    SeriesStyle("#999933", "--", "H"),
+    SeriesStyle("#0000AA", "-.", "8"),
 )
 
 # Risks below this, zero among them, stand here.
 _LEAST = 1e-40
+
+
+# Columns of the legend: names of methods are as wide as a panel.
+_MOST_COLUMNS = 3
+
+
+def _panels(skies: list[str], methods: list[str], title: str) -> tuple[Figure, Any]:
+    """A panel for each sky, with the height that the legend below takes."""
+    rows = -(-(len(methods) + 1) // min(len(skies), _MOST_COLUMNS))
+    height = 4.2 + 0.16 * max(len(methods), 1.6 * rows)
+    return new_figure(1, len(skies), width_in=3.6 * len(skies) + 1.0, height_in=height, title=title, sharey=True)
 
 
 @picture(
@@ -37,9 +50,7 @@ def frontier_figure(curves: pd.DataFrame, frontier: pd.DataFrame, *, axis: str, 
     """A panel for each sky; ``curves`` has level and risk by sky, method and factor of the multiplier."""
     skies = list(dict.fromkeys(frontier.sky))
     methods = list(dict.fromkeys(frontier.method))
-    figure, axes = new_figure(
-        1, len(skies), width_in=3.6 * len(skies) + 1.0, height_in=4.2 + 0.16 * len(methods), title=title, sharey=True
-    )
+    figure, axes = _panels(skies, methods, title)
     for panel, sky in zip(axes, skies, strict=True):
         here = frontier[frontier.sky == sky]
         for k, method in enumerate(methods):
@@ -56,7 +67,7 @@ def frontier_figure(curves: pd.DataFrame, frontier: pd.DataFrame, *, axis: str, 
             panel.set_xlim(0.6 * widest.min(), min(1.6 * float(widest.median()), 1.1 * float(widest.max())) + 1.0)
         panel.set_ylim(max(min([1e-10, *(0.5 * curves.risk)]), 0.5 * _LEAST), 1e-4)
     axes[0].set_ylabel("risk of the analysed modes, per sample")
-    legend_below(figure, axes[:1], columns=3, side="center")
+    legend_below(figure, axes[:1], columns=min(len(skies), _MOST_COLUMNS), side="center")
     return figure
 
 
@@ -67,9 +78,7 @@ def multiplier_figure(geometries: pd.DataFrame, multipliers: pd.DataFrame, *, ax
     """Distribution of the multiplier of each method over the geometries of each sky."""
     skies = list(dict.fromkeys(multipliers.sky))
     methods = list(dict.fromkeys(multipliers.method))
-    figure, axes = new_figure(
-        1, len(skies), width_in=3.6 * len(skies) + 1.0, height_in=4.2 + 0.16 * len(methods), title=title, sharey=True
-    )
+    figure, axes = _panels(skies, methods, title)
     for panel, sky in zip(axes, skies, strict=True):
         for k, method in enumerate(methods):
             found = np.sort(geometries[(geometries.sky == sky) & (geometries.method == method)].k.to_numpy())
@@ -85,5 +94,5 @@ def multiplier_figure(geometries: pd.DataFrame, multipliers: pd.DataFrame, *, ax
             )  # fmt: skip
         panel.set(xlabel=f"K of the {axis} level", title=sky, ylim=(0.0, 1.02))
     axes[0].set_ylabel("share of geometries that need less")
-    legend_below(figure, axes[:1], columns=3, side="center")
+    legend_below(figure, axes[:1], columns=min(len(skies), _MOST_COLUMNS), side="center")
     return figure
