@@ -197,7 +197,7 @@ def test_a_method_without_a_horizontal_level_is_judged_vertically_alone() -> Non
     counts = [pl_mc.sweep(g, faults, methods=one, **options)[COUNTS] for one in (method, "ls")]  # type: ignore[arg-type]
     pd.testing.assert_frame_equal(*counts)
     assert pl_mc.solve(g, np.zeros(len(g.names)), methods=method).hpl_m.isna().all()
-    words = "axes: one of the methods has no horizontal level, so that {} cannot decide"
+    words = "axes: vertical_alone has no horizontal level, so that {} cannot decide"
     for axis in (HORIZONTAL, EITHER):
         with pytest.raises(pl_mc.InputError, match=words.format(axis)):
             pl_mc.sweep(g, faults, methods=method, axes=axis, **options)  # type: ignore[arg-type]

@@ -10,11 +10,14 @@ from pydantic import ValidationError
 import pl_mc
 from pl_mc.engine import Execution
 from pl_mc.input_errors import InputError
+from pl_mc.integrity_risk.given_residuals.draws import EpochParts
 from pl_mc.methods import method
+from pl_mc.statistics import ls_quantities
 from pl_mc.studies.frontier import STUDY
 from pl_mc.studies.frontier.figures import frontier_figure
+from pl_mc.studies.frontier.one_number import by_slope, largest_slope, one_number
 from pl_mc.studies.frontier.record import FrontierExperiment, Sky
-from pl_mc.studies.frontier.run import _stopped, one_number
+from pl_mc.studies.frontier.run import _stopped
 
 pytestmark = pytest.mark.counting
 
@@ -249,3 +252,38 @@ def test_a_method_without_a_solution_keeps_nothing() -> None:
     found = STUDY.found(experiment, Execution(progress=False))
     assert found.data["frontier"].kept.tolist() == [0]
     assert STUDY.answer(found.data, experiment)[0].endswith("at every geometry: none; none at gps.")
+
+
+def test_a_formula_finds_the_law_of_half_and_is_held_against_the_rest() -> None:
+    rng = np.random.default_rng(4)
+    slope, dof = rng.uniform(1.0, 3.0, 200), rng.integers(4, 20, 200)
+    law = 1.7 - 0.2 * slope + 0.15 * slope**2 + 0.3 / dof
+    table = pd.DataFrame({"sky": "s", "method": "m", "geometry": range(200), "slope": slope, "dof": dof, "k": 1.0})
+    (row,) = by_slope(table.assign(k_high=np.exp(law))).itertuples()
+    np.testing.assert_allclose(
+        [row.constant, row.of_slope, row.of_square, row.of_dof], [1.7, -0.2, 0.15, 0.3], atol=1e-9
+    )
+    assert (row.margin, row.explained, row.odd) == (pytest.approx(1.0), pytest.approx(1.0), 100)
+    assert row.k_mean == pytest.approx(np.exp(law).mean())
+    # Where the even ones scatter the margin covers the worst of them; odd ones beyond it are counted.
+    scatter = np.where(np.arange(200) % 2 == 0, rng.uniform(-0.01, 0.01, 200), 0.0)
+    scatter[[5, 7, 9]] = 0.05
+    (row,) = by_slope(table.assign(k_high=np.exp(law + scatter))).itertuples()
+    assert 1.005 < row.margin < 1.02
+    assert row.odd_beyond == 3
+    # Of few geometries, or where one has no multiplier, there is none.
+    assert by_slope(table.assign(k_high=np.exp(law)).head(39)).empty
+    assert by_slope(table.assign(k_high=np.where(slope > 2.9, np.inf, 2.0))).empty
+
+
+@pytest.mark.parametrize("axis", ["vertical", "horizontal"])
+def test_the_largest_slope_is_that_of_a_bias_on_one_satellite(axis: str) -> None:
+    g = Sky(name="a day", site="CUT0", count=1, constellations=("GPS", "BDS-2")).geometries(1)[0]
+    quantities = ls_quantities(g)
+    parts = EpochParts.of(g, axis)
+    assert parts is not None
+    gain = quantities.gain if axis == "vertical" else quantities.horizontal_gain
+    error = np.abs(gain) if axis == "vertical" else np.linalg.norm(gain, axis=0)
+    trace = np.sqrt(quantities.redundancy) / g.sigma_m
+    sigma = quantities.vdop_m if axis == "vertical" else np.sqrt(np.linalg.eigvalsh(quantities.horizontal_cofactor)[-1])
+    assert largest_slope(parts) == pytest.approx(float((error / trace).max() / sigma), rel=1e-9)

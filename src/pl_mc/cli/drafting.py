@@ -1,4 +1,4 @@
-"""``pl-mc list``, ``init``, ``check``: what there is to run, a file to begin with, and whether a file is sound."""
+"""``pl-mc list``, ``init``, ``check``, ``explain``: what there is to run, a file to begin with, whether it is sound."""
 
 from __future__ import annotations
 
@@ -122,3 +122,24 @@ def check(
         print(f"{found.file}: sound. {found.experiment.title}")
         print(f"Cost: {found.cost.text()}")
     return 2 if found.problems else 0
+
+
+def explain(word: str, /, *, json: Json = False) -> None:
+    """Say what a word of tables, files and pages means: an event, a column, a field, a method, an option.
+
+    Examples: `pl-mc explain misleading`; `pl-mc explain HMI`; `pl-mc explain k0`
+
+    Parameters
+    ----------
+    word
+        The word, in whatever case.
+    json
+        Print the sentences as JSON.
+    """
+    from pl_mc.experiments.explaining import explain as explained
+
+    said = explained(word)
+    if json:
+        print_json(said)
+    else:
+        print("\n".join(said))

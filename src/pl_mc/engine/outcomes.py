@@ -89,7 +89,7 @@ def sample(
             }
             # Components of the error stand between the fault axis and the lanes.
             moved = replace(outcome, error_m=np.moveaxis(outcome.error_m, 2, 0))
-            columns = _columns(moved, alert, axis, (..., *scenario))
+            columns = _columns(moved, method.name, alert, axis, (..., *scenario))
             parts.append(pd.DataFrame(keys | columns | _excluded(plan.geometry, plan.epochs[row], outcome, scenario)))
     if not parts:
         return pd.DataFrame(columns=["epoch", "fault", "bias_m", "method", "draw", *OUTCOME_COLUMNS])
@@ -150,7 +150,7 @@ def solve(
         moved = replace(outcome, error_m=outcome.error_m.T)
         verdict = {"rejected": outcome.available & outcome.rejects} if tests else {}
         out = _excluded(series, np.arange(count), outcome)
-        parts.append(pd.DataFrame(keys | _columns(moved, alert, axis) | verdict | out))
+        parts.append(pd.DataFrame(keys | _columns(moved, method.name, alert, axis) | verdict | out))
     return _together(parts).sort_values("epoch", kind="stable").reset_index(drop=True)
 
 
@@ -168,7 +168,9 @@ def _solve_series(
     return jax.vmap(one_epoch)(design, sigma_m, in_view, errors_m, satellite)
 
 
-def _columns(outcome: Outcome, alert: AlertLimits, axis: str, chosen: tuple = (...,)) -> dict[str, NDArray]:
+def _columns(
+    outcome: Outcome, method: str, alert: AlertLimits, axis: str, chosen: tuple = (...,)
+) -> dict[str, NDArray]:
     """The columns of the scenarios that are chosen by this index, lanes last."""
     outcome = jax.tree.map(lambda values: values[chosen], outcome)
     available = np.asarray(outcome.available)
@@ -179,7 +181,7 @@ def _columns(outcome: Outcome, alert: AlertLimits, axis: str, chosen: tuple = (.
     error = outcome.error_m
     values = [known(v) for v in (error[EAST], error[NORTH], error[UP], outcome.hpl_m, outcome.vpl_m)]
     limits = limits_of(alert, np.float64)
-    flags = (alarms(outcome, limits, axis), unconverged(outcome), tied(outcome))
+    flags = (alarms(outcome, limits, axis, method), unconverged(outcome), tied(outcome))
     values += [available, *map(np.asarray, flags)]
     return dict(zip(OUTCOME_COLUMNS, values, strict=True))
 

@@ -217,7 +217,8 @@ def _block_cells(
         model, prepared = prepare_epoch(one, chosen)
 
         def codes(outcomes: list[Outcome]) -> Array:
-            return jnp.stack([_codes(outcome, axis, limit_m, cell_m, cells) for outcome in outcomes], axis=-1)
+            named = zip(chosen, outcomes, strict=True)
+            return jnp.stack([_codes(one, method.name, axis, limit_m, cell_m, cells) for method, one in named], axis=-1)
 
         def one_block(block: Array) -> Array:
             noise = block_noise(model, one, seed, block)
@@ -230,9 +231,9 @@ def _block_cells(
     return jax.lax.map(one_epoch, batch)
 
 
-def _codes(outcome: Outcome, axis: str, limit_m: Array, cell_m: Array, cells: Array) -> Array:
+def _codes(outcome: Outcome, method: str, axis: str, limit_m: Array, cell_m: Array, cells: Array) -> Array:
     """(lanes,), ((unconverged * 2 + tied) * regions + region, cell of the error, cell of the level) in one number."""
-    ((error_m, level_m),) = sizes_and_levels(outcome, axis)
+    ((error_m, level_m),) = sizes_and_levels(outcome, axis, method)
     beyond = error_m > level_m
     silent = jnp.where(beyond, jnp.where(error_m > limit_m, 2, 1), 0)
     region = jnp.where(level_m > limit_m, jnp.where(beyond, 4, 3), silent)

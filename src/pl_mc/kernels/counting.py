@@ -140,7 +140,8 @@ def count_blocks(
 
         def count(start: LeastSquaresSolution, bias_m: Array) -> Array:
             outcomes = [method.solve(model, made, start) for method, made in zip(methods, prepared, strict=True)]
-            seen = jnp.stack([events(outcome, limits_m, axis) for outcome in outcomes for axis in axes])
+            named = [(method.name, outcome) for method, outcome in zip(methods, outcomes, strict=True)]
+            seen = jnp.stack([events(outcome, limits_m, axis, name) for name, outcome in named for axis in axes])
             if len(counted) > len(EVENTS):
                 # Where a bias is drawn it is NaN, and a fault.
                 of_method = [exclusions(outcome, bias_m != 0) for outcome in outcomes for _ in axes]

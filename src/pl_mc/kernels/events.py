@@ -72,8 +72,8 @@ def _judged(axis: str) -> tuple[int, ...]:
     return tuple((VERTICAL, HORIZONTAL).index(limit) for limit in judged_by(axis))
 
 
-def levels_of(outcome: Outcome, axis: str) -> list[Array]:
-    """The protection levels that an axis judges [m], the vertical one first.
+def levels_of(outcome: Outcome, axis: str, of: str = "one of the methods") -> list[Array]:
+    """The protection levels that an axis judges [m], the vertical one first; ``of`` names the method in an error.
 
     Raises:
         InputError: a method without one of them.
@@ -81,21 +81,21 @@ def levels_of(outcome: Outcome, axis: str) -> list[Array]:
     levels = [(outcome.vpl_m, outcome.hpl_m)[k] for k in _judged(axis)]
     missing = [name for name, level in zip(judged_by(axis), levels, strict=True) if level is None]
     if missing:
-        raise InputError(f"axes: one of the methods has no {missing[0]} level, so that {axis} cannot decide.")
+        raise InputError(f"axes: {of} has no {missing[0]} level, so that {axis} cannot decide.")
     return levels
 
 
-def sizes_and_levels(outcome: Outcome, axis: str) -> list[tuple[Array, Array]]:
+def sizes_and_levels(outcome: Outcome, axis: str, of: str = "one of the methods") -> list[tuple[Array, Array]]:
     """The size of each error that an axis judges, and its protection level [m], the vertical one first."""
     east, north, up = (outcome.error_m[k] for k in (EAST, NORTH, UP))
     sizes = (lambda: jnp.abs(up), lambda: jnp.hypot(east, north))
-    return [(sizes[k](), level) for k, level in zip(_judged(axis), levels_of(outcome, axis), strict=True)]
+    return [(sizes[k](), level) for k, level in zip(_judged(axis), levels_of(outcome, axis, of), strict=True)]
 
 
-def alarms(outcome: Outcome, limits_m: Array | NDArray, axis: str = VERTICAL) -> Array:
+def alarms(outcome: Outcome, limits_m: Array | NDArray, axis: str = VERTICAL, of: str = "one of the methods") -> Array:
     """(...), whether each scenario alarms; ``limits_m`` (2,) are VAL and HAL."""
     alarm = ~outcome.available | outcome.rejects
-    for k, level in zip(_judged(axis), levels_of(outcome, axis), strict=True):
+    for k, level in zip(_judged(axis), levels_of(outcome, axis, of), strict=True):
         alarm = alarm | (level > limits_m[k])
     return alarm
 
@@ -110,9 +110,9 @@ def tied(outcome: Outcome) -> Array:
     return outcome.available & (False if outcome.tied is None else outcome.tied)
 
 
-def events(outcome: Outcome, limits_m: Array, axis: str = VERTICAL) -> Array:
+def events(outcome: Outcome, limits_m: Array, axis: str = VERTICAL, of: str = "one of the methods") -> Array:
     """(events, ...), which of `EVENTS` each scenario is; ``limits_m`` (2,) are VAL and HAL."""
-    alarm, judged = alarms(outcome, limits_m, axis), sizes_and_levels(outcome, axis)
+    alarm, judged = alarms(outcome, limits_m, axis, of), sizes_and_levels(outcome, axis, of)
     limits = [limits_m[k] for k in _judged(axis)]
     beyond_limit = [size > limit for (size, _), limit in zip(judged, limits, strict=True)]
     hazard = outcome.available & functools.reduce(jnp.logical_or, beyond_limit)

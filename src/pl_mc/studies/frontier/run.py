@@ -30,13 +30,13 @@ from pl_mc.runtime.progress import with_progress
 from pl_mc.runtime.threads import in_order
 from pl_mc.studies.frontier.continuity import continuity_blocks, continuity_table, require_exposure
 from pl_mc.studies.frontier.figures import frontier_figure, multiplier_figure
+from pl_mc.studies.frontier.one_number import CONFIDENCE, by_slope, largest_slope, one_number
 from pl_mc.studies.frontier.record import FrontierExperiment, Sky
 from pl_mc.studies.frontier.text import EXCLUSION, WRONG_EXCLUSION, of_sizes, summary
 from pl_mc.studies.study import Check, Work
 
 # Draws of each geometry that make up the quantiles of levels, and of alarms under faults.
 _LEVELS, _ALARM_DRAWS = 256, 256
-_CONFIDENCE = 0.95
 # Multiples of the multiplier at which the curves of the figure stand.
 FACTORS = (0.7, 0.8, 0.9, 1.0, 1.1, 1.25)
 # Scenarios of an estimate, draws aside, and how many a second on two cores.
@@ -79,10 +79,12 @@ def run(experiment: FrontierExperiment, execution: Execution) -> Findings:
         # None of the methods excludes.
         geometries = geometries.drop(columns=exclusions, errors="ignore")
     frontier = over_skies(geometries, levels, experiment, limit_m)
-    multipliers = one_number(geometries)
+    multipliers, formula = one_number(geometries), by_slope(geometries)
     tables = [Table("frontier", frontier), Table("geometries", geometries)]
     if len(multipliers):
         tables.insert(1, Table("multipliers", multipliers))
+    if len(formula):
+        tables.insert(2, Table("by_slope", formula))
     curves = curve.groupby(["sky", "method", "factor"], sort=False, as_index=False).mean()
     tables.append(Table("curves", curves))
     if len(stress):
@@ -98,7 +100,7 @@ def run(experiment: FrontierExperiment, execution: Execution) -> Findings:
             contribution_most=("contribution", "max"),
         )  # fmt: skip
         tables.append(Table("besides", besides))
-    blocks = summary(experiment, frontier, multipliers, stress, besides)
+    blocks = summary(experiment, frontier, multipliers, formula, stress, besides)
     if experiment.continuity is not None:
         places = [
             (sky.name, place, g, _of_sky(experiment, sky))
@@ -125,10 +127,11 @@ def at_geometry(
     options: dict[str, Any] = {"draws": experiment.draws, "seed": seed}
     risk = LevelRisk(g, unit, budget, axis, **options)
     if scaled:
-        found, low, high = risk.multiplier(z_of(_CONFIDENCE))
+        found, low, high = risk.multiplier(z_of(CONFIDENCE))
     else:
         found, low, high = risk.at(1.0), math.nan, math.nan
-    head = {"satellites": len(g.names), "dof": risk.parts.dof, "allowed": risk.allowed}
+    head = {"satellites": len(g.names), "dof": risk.parts.dof, "slope": largest_slope(risk.parts)}
+    head["allowed"] = risk.allowed
     empty: dict[str, Any] = {"levels": np.full(_LEVELS, np.inf), "curve": [], "stress": [], "besides": []}
     if found is None or not risk.free.silent.any():
         nothing = dict.fromkeys(("k", "k_low", "k_high"), math.inf)
@@ -146,7 +149,7 @@ def at_geometry(
         for rates in risk.rates_under_faults(k, limit_m, np.array(experiment.sizes_m), _ALARM_DRAWS)
     )
     discontinuity = experiment.independent * alarm_rate + float(risk.shares.single @ faulty.max(axis=0))
-    told = columns(g, risk, found, _CONFIDENCE)
+    told = columns(g, risk, found, CONFIDENCE)
     curve = []
     for factor in FACTORS if scaled else (1.0,):
         at = risk.at(k * factor, found.faults)
@@ -270,32 +273,6 @@ def over_skies(
         ["sky", "level_mean_m"], key=lambda column: column.map(order) if column.name == "sky" else column,
         kind="stable", ignore_index=True,
     )  # fmt: skip
-
-
-def one_number(geometries: pd.DataFrame) -> pd.DataFrame:
-    """The multiplier that serves all geometries of a sky, and the share that it serves with 95 % confidence.
-
-    The upper bounds of N geometries that were drawn alike have a largest one; with confidence 1 - a another such
-    geometry needs no more with a probability of at least a^(1/N) (Wilks 1941). It is chosen from the even places; how
-    many of the odd ones need more stands beside it.
-    """
-    rows = []
-    for (sky, method), part in geometries[geometries.k.notna()].groupby(["sky", "method"], sort=False):
-        even, odd = part[part.geometry % 2 == 0], part[part.geometry % 2 == 1]
-        chosen = float(even.k_high.max())
-        rows.append(
-            {
-                "sky": sky,
-                "method": method,
-                "geometries": len(part),
-                "k": float(part.k_high.max()),
-                "share_kept": (1.0 - _CONFIDENCE) ** (1.0 / len(part)),
-                "k_of_even": chosen,
-                "odd": len(odd),
-                "odd_beyond": int((odd.k_high > chosen).sum()),
-            }
-        )
-    return pd.DataFrame(rows)
 
 
 def _of_sky(experiment: FrontierExperiment, sky: Sky) -> list[Method]:

@@ -31,8 +31,8 @@ def number(value: float) -> str:
 
 
 def summary(
-    experiment: FrontierExperiment, frontier: pd.DataFrame, multipliers: pd.DataFrame, stress: pd.DataFrame,
-    besides: pd.DataFrame,
+    experiment: FrontierExperiment, frontier: pd.DataFrame, multipliers: pd.DataFrame, formula: pd.DataFrame,
+    stress: pd.DataFrame, besides: pd.DataFrame,
 ) -> Summary:  # fmt: skip
     """What was judged; for each sky the methods, the smallest mean level first; one multiplier; wrong assumptions."""
     budget, judged = experiment.risk_budget(), experiment.decides
@@ -97,6 +97,24 @@ def summary(
                      f"{percent(row.share_kept)} %" if row.sky in random else "-", number(row.k_of_even),
                      f"{row.odd_beyond} of {row.odd}"]
                     for row in multipliers.itertuples()
+                ],
+            ),
+        ]  # fmt: skip
+    if len(formula):
+        blocks += [
+            "A multiplier by what a receiver knows, log K = constant + of_slope s + of_square s^2 + of_dof / (n - t), "
+            "s the largest error of a fault per unit of its trace in the residuals, in sigma of the error. Fitted to "
+            "every other geometry and raised by the margin (a factor), with which it is enough at each of these; at "
+            "the rest, the share of the variance of log K that it explains, and where it is not enough; its mean, and "
+            "the one number of the same half. It is no proof for geometries unlike these.",
+            TextTable.of(
+                ["sky", "method", "constant", "of_slope", "of_square", "of_dof", "margin", "explained", "not enough",
+                 "mean K", "one number"],
+                [
+                    [row.sky, row.method, f"{row.constant:.4f}", f"{row.of_slope:.4f}", f"{row.of_square:.4f}",
+                     f"{row.of_dof:.4f}", f"{row.margin:.3f}", f"{percent(max(row.explained, 0.0))} %",
+                     f"{row.odd_beyond} of {row.odd}", number(row.k_mean), number(row.k_of_even)]
+                    for row in formula.itertuples()
                 ],
             ),
         ]  # fmt: skip

@@ -1,0 +1,112 @@
+"""What a word of tables, files and pages means: events and their columns, fields of experiments, options of methods.
+
+The words are those of the records themselves, from which templates, pages and refusals take them too.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+import functools
+import inspect
+import typing
+from collections.abc import Iterator, Mapping
+from typing import Any
+
+from pydantic import BaseModel
+
+from pl_mc.detectors.registry import DETECTORS
+from pl_mc.error_models.registry import ERROR_MODELS
+from pl_mc.experiments.field_meanings import meaning, rule
+from pl_mc.input_errors import InputError, nearest, shown
+from pl_mc.kernels.events import EVENTS, EXCLUSIONS
+from pl_mc.methods.registry import METHODS
+from pl_mc.noise_models.registry import NOISE_MODELS
+from pl_mc.studies.registry import KINDS
+
+# What the literature calls two of the events.
+_LITERATURE = {"misleading": ("MI", "misleading information"), "missed": ("HMI", "hazardously misleading information")}
+_BOUNDS = {"_low": "lower", "_high": "upper"}
+
+
+def explain(word: str) -> list[str]:
+    """Sentences about a word, each beginning with what it is; capital letters do not matter.
+
+    Raises:
+        InputError: a word that nothing is called by.
+    """
+    known = _sentences()
+    asked = word.strip().casefold()
+    for ending, which in _BOUNDS.items():
+        base = asked.removesuffix(ending)
+        if asked not in known and base != asked:
+            rate = base if base in known else f"{base}_rate"
+            if rate in known:
+                return [f"column: {which} end of the 95 % interval of the rate of {base}.", *known[rate]]
+    if asked not in known:
+        raise InputError(
+            f"explain: {shown(word)} is no event, its column, field, method or option ({nearest(word, known)})."
+        )
+    return list(known[asked])
+
+
+@functools.cache
+def _sentences() -> dict[str, list[str]]:
+    """The sentences about each word."""
+    found: dict[str, dict[tuple[str, str], list[str]]] = {}
+    for name, sort, owner, text in _words():
+        found.setdefault(name.casefold(), {}).setdefault((sort, text), []).append(owner)
+    return {name: [_said(*key, owners) for key, owners in of.items()] for name, of in found.items()}
+
+
+def _said(sort: str, text: str, owners: list[str]) -> str:
+    """``option of methods (ls, igg3): ...``; what many have alike is said once."""
+    names = ", ".join(dict.fromkeys(filter(None, owners)))
+    return f"{sort} ({names}): {text}." if names else f"{sort}: {text}."
+
+
+def _words() -> Iterator[tuple[str, str, str, str]]:
+    """Every word, with what it is, whose it is, and what it means."""
+    for event in (*EVENTS, *EXCLUSIONS):
+        short, name = _LITERATURE.get(event.name, ("", ""))
+        also = f"; {name} ({short}) in the literature" if short else ""
+        for word in filter(None, (event.name, short)):
+            yield word, f"event {event.name}", "", f"{event.meaning}{also}"
+        yield event.count, "column", "", f"draws with the event {event.name}, {event.meaning}"
+        yield f"{event.name}_rate", "column", "", f"share of the draws with the event {event.name}, {event.meaning}"
+    sorts: tuple[tuple[str, Mapping[str, Any]], ...] = (
+        ("method", METHODS), ("test", DETECTORS), ("noise model", NOISE_MODELS), ("error model", ERROR_MODELS),
+    )  # fmt: skip
+    for sort, registry in sorts:
+        for name, cls in registry.items():
+            yield name, sort, "", _first(cls)
+            if dataclasses.is_dataclass(cls):
+                for option in dataclasses.fields(cls):
+                    if text := meaning(typing.cast(type, cls), option.name):
+                        yield option.name, f"option of {sort}s", name, text
+    for kind, study in KINDS.items():
+        yield kind, "kind of experiment", "", _first(study.model)
+        yield from _fields(study.model, kind)
+
+
+def _fields(record: type[BaseModel], kind: str, above: str = "") -> Iterator[tuple[str, str, str, str]]:
+    """The fields of a record and of the records in it."""
+    for field, info in record.model_fields.items():
+        path, text, allowed = f"{above}{field}", meaning(record, field), rule(info)
+        if text:
+            yield field, f"field {path}", kind, f"{text}{f' ({allowed})' if allowed else ''}"
+        for inner in _records(info.annotation):
+            yield from _fields(inner, kind, f"{path}.")
+
+
+def _records(annotation: Any) -> Iterator[type[BaseModel]]:
+    """The records that a field may hold."""
+    if inspect.isclass(annotation) and issubclass(annotation, BaseModel):
+        yield annotation
+    for part in typing.get_args(annotation):
+        yield from _records(part)
+
+
+def _first(documented: Any) -> str:
+    """The first sentence of a docstring, without marks of code."""
+    text = inspect.getdoc(documented) or ""
+    return " ".join(text.partition("\n\n")[0].split()).replace("`", "").rstrip(".")
