@@ -85,7 +85,20 @@ def test_help_has_examples_exit_codes_and_no_colours(capsys: pytest.CaptureFixtu
     text = " ".join(capsys.readouterr().out.split())
     assert "Exit codes: 0 done; 1 where a check (verify, conform) finds something; 2 input that cannot be used" in text
     assert "--install-completion" in text
-    for name in ("run", "list", "init", "check", "explain", "report", "compare", "verify", "observe", "merge", "bench", "conform"):
+    for name in (
+        "run",
+        "list",
+        "init",
+        "check",
+        "explain",
+        "report",
+        "compare",
+        "verify",
+        "observe",
+        "merge",
+        "bench",
+        "conform",
+    ):
         main([name, "--help"])
         shown = capsys.readouterr().out
         assert f"pl-mc {name}" in shown
