@@ -334,7 +334,7 @@ SEQUENCE = {"satellite": "G01", "rates_m_per_s": [1.0]}
             "methods: bare has no statistic(model, prepared, start), its test statistic over the threshold, nor "
             "scales_with_k, the name of the field that its vertical level is a multiple of (methods that have: ls, "
             "igg3, igg3_gated, araim, slope, max_dop, parity, w_test, leave_one_out, range_comparison, huber, "
-            "tukey, hampel, danish, l1, mm, sequential_parity, kalman).",
+            "tukey, hampel, danish, l1, mm, sequential_parity, kalman, filter_bank).",
         ),
     ],
 )
