@@ -54,4 +54,15 @@ def test_the_command(capsys: pytest.CaptureFixture[str]) -> None:
     with pytest.raises(InputError, match=r"^explain: 'mised' is no event, .*nearest: missed"):
         explain("mised")
     with pytest.raises(SystemExit, match="2"):
-        main(["explain", ""])
+        main(["explain"])
+    capsys.readouterr()
+    main(["explain", "false", "alarm"])
+    assert capsys.readouterr().out.splitlines() == explain("false_alarm")
+
+
+def test_terms_and_operations() -> None:
+    assert explain("lpv-200") == ["operation: VAL 35 m, HAL 40 m."]
+    assert explain("RNP 0.1") == ["operation: HAL 185 m."]
+    for word in ("VAL", "hal", "level", "k_50", "bias_m", "discontinuity", "filter_bank"):
+        assert explain(word)
+    assert explain("k_50_low") == ["column: lower end of the 95 % interval of k_50.", *explain("k_50")]

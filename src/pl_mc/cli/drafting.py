@@ -124,8 +124,8 @@ def check(
     return 2 if found.problems else 0
 
 
-def explain(word: str, /, *, json: Json = False) -> None:
-    """Say what a word of tables, files and pages means: an event, a column, a field, a method, an option.
+def explain(*word: str, json: Json = False) -> None:
+    """Say what a word of tables, files and pages means: an event, its columns, a term, a field, a method, an option.
 
     Examples: `pl-mc explain misleading`; `pl-mc explain HMI`; `pl-mc explain k0`
 
@@ -138,7 +138,7 @@ def explain(word: str, /, *, json: Json = False) -> None:
     """
     from pl_mc.experiments.explaining import explain as explained
 
-    said = explained(word)
+    said = explained(" ".join(word))
     if json:
         print_json(said)
     else:

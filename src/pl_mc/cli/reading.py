@@ -38,7 +38,7 @@ def report(folder: Path, /, *, tex: Path | None = None, json: Json = False, quie
             print(sentence)
         for note in result.notes:
             print(f"- {note}")
-        print(f"Report: {folder / result.page}")
+        print(f"Report: {folder / result.page}{f', tables: {tex}' if tex is not None else ''}")
 
 
 def compare(first: Path, second: Path, /, *, out: Path | None = None, json: Json = False, quiet: Quiet = False) -> None:

@@ -14,6 +14,7 @@ from typing import Any
 
 from pydantic import BaseModel
 
+from pl_mc.alert import OPERATIONS
 from pl_mc.detectors.registry import DETECTORS
 from pl_mc.error_models.registry import ERROR_MODELS
 from pl_mc.experiments.field_meanings import meaning, rule
@@ -22,30 +23,56 @@ from pl_mc.kernels.events import EVENTS, EXCLUSIONS
 from pl_mc.methods.registry import METHODS
 from pl_mc.noise_models.registry import NOISE_MODELS
 from pl_mc.studies.registry import KINDS
+from pl_mc.time_ramps.timing import SEQUENTIAL
 
 # What the literature calls two of the events.
 _LITERATURE = {"misleading": ("MI", "misleading information"), "missed": ("HMI", "hazardously misleading information")}
 _BOUNDS = {"_low": "lower", "_high": "upper"}
 
+# Quantities of the field, and columns that no record has a line for.
+_TERMS = {
+    "VAL": "vertical alert limit, the vertical error that an operation tolerates without an alarm",
+    "HAL": "horizontal alert limit, the horizontal error that an operation tolerates without an alarm",
+    "limit": "alert limit, VAL or HAL",
+    "level": "protection level, VPL or HPL: what a method says that its error is within",
+    "VPL": "vertical protection level; the column is vpl_m",
+    "HPL": "horizontal protection level; the column is hpl_m",
+    "VPL_R": "vertical protection level of the IGG-III estimate (Zhao et al. 2021, eq 18)",
+    "vpl_m": "vertical protection level [m]; missing where there is no solution",
+    "hpl_m": "horizontal protection level [m]; missing where there is no solution",
+    "east_m": "east error of the position [m]",
+    "north_m": "north error of the position [m]",
+    "up_m": "up error of the position [m]",
+    "fault": "the fault's label, as --fault takes it",
+    "bias_m": "bias of a fault on one satellite [m]; 0 without a fault, missing for several satellites",
+    "k_50": "median over geometries of the multiplier that keeps the budget, k_50_low and k_50_high that of its bounds",
+    "k_99": "multiplier that is enough at 99 % of the geometries",
+    "level_mean_m": "mean protection level without a fault, over the geometries [m]",
+    "kept": "geometries at which the budget is kept",
+    "discontinuity": "alarms of an approach: of its independent samples without a fault, and the prior of each "
+    "satellite times the alarms under its worst size",
+    "slope": "largest error of a fault per unit of its trace in the residuals, in sigma of the error",
+}
+
 
 def explain(word: str) -> list[str]:
-    """Sentences about a word, each beginning with what it is; capital letters do not matter.
+    """Sentences about a word, each beginning with what it is; capital letters do not matter, a blank is an underscore.
 
     Raises:
         InputError: a word that nothing is called by.
     """
     known = _sentences()
     asked = word.strip().casefold()
+    asked = asked if asked in known else "_".join(asked.split())
     for ending, which in _BOUNDS.items():
         base = asked.removesuffix(ending)
         if asked not in known and base != asked:
             rate = base if base in known else f"{base}_rate"
             if rate in known:
-                return [f"column: {which} end of the 95 % interval of the rate of {base}.", *known[rate]]
+                of = f"the rate of {base}" if f"{base}_rate" in known else base
+                return [f"column: {which} end of the 95 % interval of {of}.", *known[rate]]
     if asked not in known:
-        raise InputError(
-            f"explain: {shown(word)} is no event, its column, field, method or option ({nearest(word, known)})."
-        )
+        raise InputError(f"explain: {shown(word)} is no event, term, field, method or option ({nearest(word, known)}).")
     return list(known[asked])
 
 
@@ -73,8 +100,14 @@ def _words() -> Iterator[tuple[str, str, str, str]]:
             yield word, f"event {event.name}", "", f"{event.meaning}{also}"
         yield event.count, "column", "", f"draws with the event {event.name}, {event.meaning}"
         yield f"{event.name}_rate", "column", "", f"share of the draws with the event {event.name}, {event.meaning}"
+    for term, text in _TERMS.items():
+        yield term, "term", "", text
+    for name, limits in OPERATIONS.items():
+        given = ((limits.vertical_m, "VAL"), (limits.horizontal_m, "HAL"))
+        yield name, "operation", "", ", ".join(f"{what} {value:g} m" for value, what in given if value is not None)
     sorts: tuple[tuple[str, Mapping[str, Any]], ...] = (
-        ("method", METHODS), ("test", DETECTORS), ("noise model", NOISE_MODELS), ("error model", ERROR_MODELS),
+        ("method", METHODS), ("test", DETECTORS | SEQUENTIAL), ("noise model", NOISE_MODELS),
+        ("error model", ERROR_MODELS),
     )  # fmt: skip
     for sort, registry in sorts:
         for name, cls in registry.items():
