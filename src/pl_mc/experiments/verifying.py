@@ -100,7 +100,7 @@ def verify(folder: Path, *, partial: bool = False, redo: bool = False, progress:
     there = [name for name in files if os.path.lexists(folder / name)]
     changed += [name for name in there if not _is_as_written(folder / name, files[name])]
     inputs, absent = ([], []) if MANIFEST in changed else _inputs(folder, manifest)
-    if PAGE not in files:
+    if PAGE not in files and (folder / PAGE).exists():
         absent.append(f"{PAGE}: the run was of a version that kept no hash of it.")
     found = Verified(
         folder=folder,
