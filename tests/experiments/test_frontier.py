@@ -32,7 +32,6 @@ FEW = {
     "noises": [{"name": "student_t", "nu": 4.0}],
     "correlations": [0.2],
     "angles_deg": [30.0],
-    "iterations": [2],
     "pair_priors": [1e-10, 1e-8],
     "skies": [{"name": "a day", "site": "CUT0", "count": 2, "stressed": 1, "constellations": ["GPS", "BDS-2"]}],
     "methods": [
@@ -40,6 +39,9 @@ FEW = {
         {"name": "separated", "estimate": "midrange", "p_const": 0.0},
     ],
 }
+
+
+NOTHING_WRONG = {"noises": [], "correlations": [], "angles_deg": [], "pair_priors": []}
 
 
 @pytest.fixture(scope="module")
@@ -71,7 +73,9 @@ def test_exclusions_and_faults_of_several_satellites() -> None:
     sky = FEW["skies"][0] | {"count": 1, "stressed": 0}
     araim = {"name": "araim", "exclusion": "satellites", "p_const": 0.0, "b_nom_m": 0.0}
     changed = {"skies": [sky], "methods": [araim], "besides": ["pairs", "constellations"]}
-    tables = STUDY.found(FrontierExperiment.model_validate(FEW | changed), Execution(progress=False)).data
+    tables = STUDY.found(
+        FrontierExperiment.model_validate(FEW | NOTHING_WRONG | changed), Execution(progress=False)
+    ).data
     row = tables["frontier"].iloc[0]
     assert row.exclusion_rate_100m + row.wrong_exclusion_rate_100m + row.alarm_rate_100m == pytest.approx(1.0)
     assert row.exclusion_rate_100m > 0.95
@@ -103,7 +107,7 @@ def test_continuity_is_that_of_the_function() -> None:
         "error_model": "dual_frequency",
     }
     changed = {"skies": [sky], "methods": [{"name": "araim"}, timed, timed | {"exclusion": "satellites"}]}
-    experiment = FrontierExperiment.model_validate(FEW | changed | {"continuity": 8e-5})
+    experiment = FrontierExperiment.model_validate(FEW | NOTHING_WRONG | changed | {"continuity": 8e-5})
     result = STUDY.found(experiment, Execution(progress=False))
     table = result.data["continuity"]
     detection, exclusion = experiment.method_records()[1:]
@@ -140,7 +144,6 @@ def test_wrong_assumptions_cost_risk(found) -> None:
             more.risk - pairs.risk_as_assumed, 100 * (pairs.risk - pairs.risk_as_assumed), rtol=1e-6
         )
         assert more.risk > pairs.risk
-    assert "2 plain iterations" not in set(stress.index.get_level_values("assumption"))
 
 
 def test_estimates_that_stop_early() -> None:
@@ -153,7 +156,7 @@ def test_estimates_that_stop_early() -> None:
     assert _stopped(method("separated", estimate="midrange"), 3) is None
     none = ("noises", "correlations", "angles_deg", "pair_priors", "biases_m", "sigma_factors")
     changed = {"skies": [FEW["skies"][0] | {"count": 1}], "methods": [{"name": "igg3", "level_scale": "floored"}]}
-    changed |= {key: [] for key in none}
+    changed |= {key: [] for key in none} | {"iterations": [2]}
     stress = STUDY.found(FrontierExperiment.model_validate(FEW | changed), Execution(progress=False)).data["stress"]
     assert stress.assumption.tolist() == ["2 plain iterations"]
     assert 0.05 < stress.times[0] < 0.7
@@ -287,3 +290,32 @@ def test_the_largest_slope_is_that_of_a_bias_on_one_satellite(axis: str) -> None
     trace = np.sqrt(quantities.redundancy) / g.sigma_m
     sigma = quantities.vdop_m if axis == "vertical" else np.sqrt(np.linalg.eigvalsh(quantities.horizontal_cofactor)[-1])
     assert largest_slope(parts) == pytest.approx(float((error / trace).max() / sigma), rel=1e-9)
+
+
+@pytest.mark.parametrize(
+    ("changed", "words"),
+    [
+        ({"correlations": [0.1, 0.1]}, "0.1 stands there twice"),
+        ({"pair_priors": [1e-9, 1e-9]}, "1e-09 stands there twice"),
+        ({"angles_deg": [True]}, "numbers are needed"),
+        ({"iterations": [True]}, "numbers are needed"),
+        ({"angles_deg": [1e308]}, "less than or equal to 1000000"),
+        ({"skies": [{"name": "a day", "site": "CUT0", "count": 2}]}, "noises does nothing where no sky has stressed"),
+        (
+            {"skies": [{"name": "a day", "site": "CUT0", "count": 2, "stressed": 3}]},
+            "stressed is at most count, 2, not 3",
+        ),
+    ],
+)
+def test_what_would_count_twice_or_do_nothing(changed, words) -> None:
+    with pytest.raises(ValidationError, match=words):
+        FrontierExperiment.model_validate(FEW | changed)
+
+
+def test_early_ends_of_methods_without_iterations() -> None:
+    experiment = FrontierExperiment.model_validate(FEW | {"iterations": [2]})
+    with pytest.raises(InputError, match="iterations: none of the methods has iterations"):
+        STUDY.found(experiment, Execution(progress=False))
+    checks = dict(STUDY.checks(experiment, None))
+    with pytest.raises(InputError, match="iterations: none of the methods"):
+        checks["iterations"]()

@@ -4,12 +4,15 @@ from __future__ import annotations
 
 import json
 import shutil
+from collections.abc import Callable
 from pathlib import Path
+from typing import Any
 
 import pytest
 
 from pl_mc.cli.main import main
 from pl_mc.experiments.loading import build_experiment
+from pl_mc.experiments.output import content_hash
 from pl_mc.experiments.reading import remake_page
 from pl_mc.experiments.running import run_experiment
 from pl_mc.experiments.verifying import verify
@@ -63,11 +66,11 @@ def test_one_flipped_byte_in_any_file_is_found(copied: Path, capsys: pytest.Capt
         whole = path.read_bytes()
         for place in (0, len(whole) // 2, len(whole) - 1):
             path.write_bytes(whole[:place] + bytes([whole[place] ^ 1]) + whole[place + 1 :])
-            # What is no JSON any more is no manifest or report at all.
+            # What is no JSON any more is no manifest at all.
             code = ended("verify", str(copied))
             said = capsys.readouterr()
             assert (code == 1 and f"{path.name}: it is not what the run wrote.\n" in said.out) or (
-                code == 2 and str(path) in said.err and path.suffix == ".json"
+                code == 2 and str(path) in said.err and path.name == "manifest.json"
             ), (path.name, place, said)
         path.write_bytes(whole)
     assert verify(copied).passed
@@ -85,8 +88,7 @@ def test_what_is_missing_and_what_is_foreign(copied: Path) -> None:
     shutil.copy(copied / "rates.csv", copied.parent / "elsewhere.csv")
     (copied / "rates.csv").unlink()
     (copied / "rates.csv").symlink_to(copied.parent / "elsewhere.csv")
-    with pytest.raises(InputError, match=r"rates\.csv: it is a link"):
-        verify(copied)
+    assert verify(copied).changed == ("rates.csv",)
 
 
 def test_another_run_says_which_numbers_are_different(copied: Path, capsys: pytest.CaptureFixture[str]) -> None:
@@ -134,4 +136,37 @@ def test_what_cannot_be_verified(copied: Path, capsys: pytest.CaptureFixture[str
     assert capsys.readouterr().err.startswith(f"pl-mc: {copied / 'manifest.json'}: it names no hashes of files")
     assert ended("verify", str(copied), "--progress") == 2
     assert "it does nothing without --redo" in capsys.readouterr().err
-    assert ended("verify", str(copied / "nothing")) == 2
+    for folder in (copied / "nothing", Path("x" * 300)):
+        assert ended("verify", str(folder)) == 2
+        assert capsys.readouterr().err.count("\n") == 1
+
+
+def resealed(folder: Path, change: Callable[[dict[str, Any]], None]) -> None:
+    """The manifest changed, with a hash of what it says now."""
+    manifest = json.loads((folder / "manifest.json").read_text())
+    change(manifest)
+    del manifest["sha256"]
+    (folder / "manifest.json").write_text(json.dumps(manifest | {"sha256": content_hash(manifest)}))
+
+
+@pytest.mark.parametrize("name", ["../outside.txt", "/etc/hostname", "", ".", "..", "a\nb", "\ud800x", "y" * 300])
+def test_a_manifest_names_files_of_its_folder_alone(copied: Path, name: str) -> None:
+    (copied.parent / "outside.txt").write_text("outside")
+    resealed(copied, lambda manifest: manifest["files"].update({name: "0" * 64}))
+    with pytest.raises(InputError, match=r"manifest\.json: files: .* is no name of a file in the folder"):
+        verify(copied)
+
+
+def test_damage_is_listed_whole_and_nothing_is_run_of_a_changed_manifest(copied: Path) -> None:
+    (copied / "levels.csv").write_bytes(b"\xff\x00")
+    (copied / "report.json").write_text("{")
+    (copied / "summary.md").write_bytes(b"\xff")
+    found = verify(copied, redo=True)
+    assert set(found.changed) == {"levels.csv", "report.json", "summary.md"}
+    assert "levels.csv: it is no table, which another run writes." in (found.redone or ())
+    (copied / "manifest.json").write_text(
+        (copied / "manifest.json").read_text().replace("A small ramp", "A large ramp")
+    )
+    found = verify(copied, redo=True)
+    assert found.redone is None
+    assert found.notes == ("manifest.json: since it is not what the run wrote, nothing was run again.",)

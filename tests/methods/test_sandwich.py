@@ -56,6 +56,21 @@ def test_without_a_bend_it_is_the_covariance_of_least_squares(of) -> None:
         np.testing.assert_allclose(found.hpl_m, least.hpl_m, rtol=1e-9)
 
 
+@pytest.mark.parametrize("counts", [(5,), (6, 2), (8, 2)])
+def test_satellites_that_no_residual_tells_apart_change_nothing(counts) -> None:
+    """Five of one system, two of another: twins, whose residuals are made of means."""
+    design, sigma, _ = random_sky(np.random.default_rng(6), counts=counts)
+    observed = 0.2 * sigma[:, None] * np.random.default_rng(7).standard_normal((sum(counts), 20))
+    model = linear_model(design, sigma)
+    assert bool(model.twins.there)
+    start = start_from(model, observed)
+    for of in (Huber(k=60.0), Tukey(c=1e9), Hampel(a=50.0, b=60.0, c=70.0), Igg3(k0=50.0, k1=60.0), Danish(c=50.0)):
+        found = replace(of, iterations=2, covariance="sandwich").solve(model, (), start)
+        least = Ls().solve(model, (), start)
+        np.testing.assert_allclose(found.vpl_m, least.vpl_m, rtol=1e-7, err_msg=of.name)
+        np.testing.assert_allclose(found.hpl_m, least.hpl_m, rtol=1e-7, err_msg=of.name)
+
+
 @pytest.mark.parametrize(
     ("weight", "norm"),
     [(HuberWeight(), sm.robust.norms.HuberT(1.345)), (TukeyWeight(), sm.robust.norms.TukeyBiweight(4.685))],

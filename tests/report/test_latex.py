@@ -9,6 +9,8 @@ from pathlib import Path
 import pytest
 
 from pl_mc.cli.main import main
+from pl_mc.experiments.reading import tex_of
+from pl_mc.input_errors import InputError
 from pl_mc.report.document import Bullets, Document, Heading, Paragraph, TextTable
 from pl_mc.report.latex import escaped, to_latex
 
@@ -62,8 +64,27 @@ def test_the_tables_of_a_stored_run_have_all_their_cells(tmp_path: Path, capsys:
     capsys.readouterr()
 
 
+def test_what_is_no_table_and_what_is_no_character() -> None:
+    with pytest.raises(InputError, match=r"report\.json: a table below 'Rates' has rows of other lengths"):
+        to_latex(document(Heading("Rates"), TextTable(("a", "b"), (("1",),))))
+    text = to_latex(document(Paragraph("One\n\ntwo \ud800"), TextTable(("a",), (("b\ud800",),))))
+    assert r"\caption{One two ?}" in text
+    text.encode()
+
+
+def test_the_results_folder_gets_no_foreign_file() -> None:
+    folder = ROOT / "results" / "frontier-receiver"
+    for name in (folder / "tables.tex", Path("y" * 300 + ".tex")):
+        with pytest.raises(InputError, match=r"^--tex: "):
+            tex_of(folder, name)
+    assert not (folder / "tables.tex").exists()
+
+
 @pytest.mark.parametrize("name", ["ramp.txt", "nowhere/ramp.tex"])
 def test_a_place_that_cannot_be_written(tmp_path: Path, capsys: pytest.CaptureFixture[str], name: str) -> None:
+    folder = Path(shutil.copytree(ROOT / "results" / "ramp", tmp_path / "ramp"))
+    page = (folder / "report.html").read_bytes()
     with pytest.raises(SystemExit, match="2"):
-        main(["report", str(ROOT / "results" / "ramp"), "--tex", str(tmp_path / name)])
+        main(["report", str(folder), "--tex", str(tmp_path / name)])
+    assert (folder / "report.html").read_bytes() == page
     assert capsys.readouterr().err.endswith("the name of a .tex file in a folder that is there is needed.\n")

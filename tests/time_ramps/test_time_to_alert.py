@@ -149,7 +149,7 @@ def test_thresholds_leave_the_share_beyond_them(p_fa: float) -> None:
         ({"methods": (pl_mc.methods.Sbas(),)}, "methods: sbas has no statistic"),
         ({"methods": (SequentialParity((500.0,)),)}, "is not full when the ramp begins at 100 s; nearest: 100 s"),
         ({"methods": (SequentialParity((15.0,)),)}, "a whole number of intervals of 10 s"),
-        ({"rates_m_per_s": [1.0, 1.0]}, "one row of different finite rates"),
+        ({"rates_m_per_s": [1.0, 1.0]}, "one row of different rates of up to 1e.06 m/s"),
         ({"tau_s": -1.0}, "tau_s: a correlation time of at least 0 s"),
         ({"share": 1.0}, "share: a share of the variance from 0 to 0.999"),
         ({"onset_s": 390.0}, "onset_s: it lies between"),

@@ -28,6 +28,8 @@ from pl_mc.time_ramps.timing import SEQUENTIAL
 # What the literature calls two of the events.
 _LITERATURE = {"misleading": ("MI", "misleading information"), "missed": ("HMI", "hazardously misleading information")}
 _BOUNDS = {"_low": "lower", "_high": "upper"}
+# What has bounds, beside rates.
+_BOUNDED = ("k_50",)
 
 # Quantities of the field, and columns that no record has a line for.
 _TERMS = {
@@ -67,7 +69,7 @@ def explain(word: str) -> list[str]:
     for ending, which in _BOUNDS.items():
         base = asked.removesuffix(ending)
         if asked not in known and base != asked:
-            rate = base if base in known else f"{base}_rate"
+            rate = base if base in _BOUNDED else f"{base}_rate"
             if rate in known:
                 of = f"the rate of {base}" if f"{base}_rate" in known else base
                 return [f"column: {which} end of the 95 % interval of {of}.", *known[rate]]

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -14,7 +15,7 @@ from pl_mc.experiments.loading import build_experiment, in_this_version
 from pl_mc.experiments.output import record_page, result_folder
 from pl_mc.experiments.running import RunResult
 from pl_mc.experiments.source_files import experiment_of
-from pl_mc.input_errors import InputError, system_reason
+from pl_mc.input_errors import InputError, shown, system_reason
 from pl_mc.report.charts import charts_of
 from pl_mc.report.comparison import Comparison, combined_tables, compare_runs, row_name
 from pl_mc.report.document import Document, FigureEntry, TableEntry
@@ -72,18 +73,21 @@ def _document(run: RunFolder) -> tuple[Document, dict[str, str]]:
     return run.document or document_of_files(run, experiment), meanings_of(experiment)
 
 
-def write_tex(folder: Path, place: Path) -> None:
-    """Write the tables of a run's summary as LaTeX.
+def tex_of(folder: Path, place: Path) -> str:
+    """The tables of a run's summary as LaTeX, for a place where they can be written.
 
     Raises:
         InputError: as `remake_page`; a place that is no ``.tex`` file in a folder that is there.
     """
-    if place.suffix != ".tex" or not place.parent.is_dir() or place.is_dir():
-        raise InputError(f"--tex: {place}: the name of a .tex file in a folder that is there is needed.")
     try:
-        write_whole(place, to_latex(_document(read_run_folder(folder))[0]))
+        usable = place.suffix == ".tex" and place.parent.is_dir() and (place.is_file() or not os.path.lexists(place))
+        if not usable or place.is_symlink():
+            raise InputError(f"--tex: {place}: the name of a .tex file in a folder that is there is needed.")
+        if place.parent.resolve() == folder.resolve():
+            raise InputError(f"--tex: {place}: it would be a foreign file in a results folder; name another folder.")
+        return to_latex(_document(read_run_folder(folder))[0])
     except OSError as error:
-        raise InputError(f"{place}: it cannot be written ({system_reason(error)}).") from None
+        raise InputError(f"--tex: {shown(str(place))}: it cannot be written ({system_reason(error)}).") from None
 
 
 def document_of_files(run: RunFolder, experiment: Experiment) -> Document:

@@ -18,13 +18,15 @@ from pl_mc.engine.part_task import environment
 from pl_mc.experiments.loading import load_experiment
 from pl_mc.experiments.output import content_hash, file_hash, input_hashes, recorded_versions
 from pl_mc.experiments.running import run_experiment
-from pl_mc.input_errors import InputError, system_reason
+from pl_mc.input_errors import InputError, shown, system_reason
 from pl_mc.report.page import PAGE
-from pl_mc.report.run_folder import MANIFEST, changed_fields, read_run_folder
-from pl_mc.runtime.small_files import parsed_json, read_text
+from pl_mc.report.run_folder import MANIFEST, changed_fields, read_manifest
 
 # What says numbers in a form that can be compared cell by cell.
 _TABLE = ".csv"
+
+# Bytes of a name that file systems take, at most.
+_LONGEST_NAME = 255
 
 
 @dataclass(frozen=True)
@@ -88,20 +90,30 @@ def verify(folder: Path, *, partial: bool = False, redo: bool = False, progress:
         progress: whether to show a progress bar.
 
     Raises:
-        InputError: a folder without a finished run, a manifest that names no files, or files that cannot be read.
+        InputError: a folder without a finished run or that cannot be read, a manifest that names no files of it.
     """
-    folder = Path(folder)
-    read_run_folder(folder)
-    manifest = parsed_json(read_text(folder / MANIFEST), path=folder / MANIFEST)
+    try:
+        return _verified(Path(folder), partial, redo, progress)
+    except OSError as error:
+        raise InputError(f"{shown(str(folder))}: it cannot be read ({system_reason(error)}).") from None
+
+
+def _verified(folder: Path, partial: bool, redo: bool, progress: bool | None) -> Verified:
+    manifest = read_manifest(folder)
     total, files = manifest.pop("sha256", None), manifest.get("files")
     if not isinstance(files, dict) or not files or total is None:
         raise InputError(f"{folder / MANIFEST}: it names no hashes of files, as those of version 0.1.0 do not.")
+    odd = next((name for name in files if not _is_plain(name)), None)
+    if odd is not None:
+        raise InputError(f"{folder / MANIFEST}: files: {shown(odd)} is no name of a file in the folder.")
     changed = [] if total == content_hash(manifest) else [MANIFEST]
     there = [name for name in files if os.path.lexists(folder / name)]
     changed += [name for name in there if not _is_as_written(folder / name, files[name])]
-    inputs, absent = ([], []) if MANIFEST in changed else _inputs(folder, manifest)
+    inputs, notes = ([], []) if MANIFEST in changed else _inputs(folder, manifest)
     if PAGE not in files and (folder / PAGE).exists():
-        absent.append(f"{PAGE}: the run was of a version that kept no hash of it.")
+        notes.append(f"{PAGE}: the run was of a version that kept no hash of it.")
+    if redo and MANIFEST in changed:
+        notes.append(f"{MANIFEST}: since it is not what the run wrote, nothing was run again.")
     found = Verified(
         folder=folder,
         intact=tuple(name for name in there if name not in changed),
@@ -109,24 +121,34 @@ def verify(folder: Path, *, partial: bool = False, redo: bool = False, progress:
         missing=() if partial else tuple(sorted(set(files) - set(there))),
         foreign=tuple(_foreign(folder, files)),
         inputs=tuple(inputs),
-        notes=tuple(absent),
+        notes=tuple(notes),
     )
     return _redone(found, manifest, progress) if redo and MANIFEST not in changed else found
 
 
+def _is_plain(name: str) -> bool:
+    """Whether a name is that of a file in a folder, and can be shown as it is."""
+    return name.isprintable() and 0 < len(name) <= _LONGEST_NAME and Path(name).name == name != ".."
+
+
 def _is_as_written(path: Path, wanted: object) -> bool:
-    return path.is_file() and not path.is_symlink() and file_hash(path) == wanted
+    """Whether a file can be read, is no link, and has that hash."""
+    try:
+        return path.is_file() and not path.is_symlink() and file_hash(path) == wanted
+    except OSError:
+        return False
 
 
 def _foreign(folder: Path, files: Mapping[str, str]) -> list[str]:
     known = {*files, MANIFEST, PAGE}
-    return sorted(path.name for path in folder.iterdir() if path.name not in known)
+    names = sorted(path.name for path in folder.iterdir() if path.name not in known)
+    return [name if name.isprintable() else shown(name) for name in names]
 
 
 def _inputs(folder: Path, manifest: Mapping[str, Any]) -> tuple[list[str], list[str]]:
     """A sentence for each file that the run read and that is not what it was; and for what is not at hand."""
     recorded = manifest.get("inputs")
-    if not recorded:
+    if not recorded or not isinstance(recorded, dict):
         return [], []
     try:
         now = input_hashes(load_experiment(str(folder / MANIFEST))[1])
@@ -142,7 +164,7 @@ def _redone(found: Verified, manifest: Mapping[str, Any], progress: bool | None)
     name, experiment = load_experiment(str(found.folder / MANIFEST))
     with tempfile.TemporaryDirectory(prefix="pl-mc-verify-") as place:
         # The name of the folder may stand in its page.
-        again = Path(place, found.folder.name or name)
+        again = Path(place, found.folder.resolve().name or name)
         run_experiment(name, experiment, again, execution=Execution(progress=progress))
         # A page names versions, machine and time.
         compared = [file for file in manifest["files"] if file != PAGE and (found.folder / file).is_file()]
@@ -164,10 +186,14 @@ def _difference(one: Path, other: Path) -> str:
         return f"{one.name}: another run does not write it."
     if one.suffix != _TABLE:
         return f"{one.name}: another run writes it otherwise."
-    before, now = (pd.read_csv(path, keep_default_na=False, na_values=[""]) for path in (one, other))
+    try:
+        before, now = (pd.read_csv(path, keep_default_na=False, na_values=[""]) for path in (one, other))
+    except ValueError:
+        return f"{one.name}: it is no table, which another run writes."
     if list(before.columns) != list(now.columns) or len(before) != len(now):
-        shapes = " and ".join(f"{len(table):,} rows of {len(table.columns)} columns" for table in (before, now))
-        return f"{one.name}: another run writes other rows or columns ({shapes})."
+        if len(before) != len(now):
+            return f"{one.name}: another run writes {len(now):,} rows, not {len(before):,}."
+        return f"{one.name}: another run writes other columns."
     worst = max((_apart(before[name], now[name]), name) for name in before.columns)
     if worst[0] == 0.0:
         return f"{one.name}: the same numbers, written otherwise."

@@ -99,6 +99,7 @@ def reweighted(
         scale: (...), a scale of the standardised residuals that stays, instead of ``options.scale``.
     """
     shape, same = start.square_sum.shape, options.cofactor != "fault_free"
+    plain_model = model
     model = replace(model, design=model.twins.design_same if same else model.twins.design)
 
     # The last solution stands outside the loop, since it alone is asked for its cofactors.
@@ -122,7 +123,8 @@ def reweighted(
     unit_error, cofactor_m2 = safe_sqrt(last.square_sum / dof), jnp.stack(cofactor)
     if options.covariance == SANDWICH:
         size = _standardised(model, last, weights, options, scale)
-        unit_error, cofactor_m2, regular = sandwich(model, last.residuals, size, partial(_weight, options), dof)
+        # What twins have in common changes their residuals; influence goes by the design as it is.
+        unit_error, cofactor_m2, regular = sandwich(plain_model, last.residuals, size, partial(_weight, options), dof)
         available = available & regular
     sigma = 1.0 / jnp.where(model.weight_root > 0, model.weight_root, 1.0)
     shift = jnp.stack(last.shift)

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import re
 
+from pl_mc.input_errors import InputError, shown
 from pl_mc.report.document import Document, Heading, Paragraph, TextTable
 
 _HEAD = "% Tables of {title}. In the preamble: \\usepackage{{booktabs}}.\n"
@@ -33,6 +34,8 @@ def to_latex(document: Document) -> str:
 
 def _table(table: TextTable, caption: str) -> str:
     columns = range(len(table.header))
+    if any(len(row) != len(table.header) for row in table.rows):
+        raise InputError(f"report.json: a table below {shown(caption)} has rows of other lengths than its header.")
     # Columns of numbers are flush right.
     numbers = [
         k > 0 and all(_NUMBER.fullmatch(row[k]) or not row[k].strip("- ") for row in table.rows) for k in columns
@@ -61,4 +64,6 @@ def escaped(text: str) -> str:
 
 
 def _plain(text: str) -> str:
-    return "".join(_SPECIAL.get(letter, letter) for letter in text)
+    # A blank line would end a paragraph, and what is no character cannot be written.
+    plain = " ".join(text.split()).encode(errors="replace").decode() if not text.isprintable() else text
+    return "".join(_SPECIAL.get(letter, letter) for letter in plain)

@@ -72,24 +72,7 @@ def read_run_folder(folder: Path) -> RunFolder:
         InputError: no such folder, or one that holds no finished run, or files in it that cannot be read.
     """
     folder = Path(folder)
-    path = folder / MANIFEST
-    if not folder.is_dir():
-        if earlier_place(folder).is_dir():
-            raise InputError(
-                f"{folder}: a run was ended while it replaced this result, which is in {earlier_place(folder)}; the "
-                "next run into this folder puts it in order."
-            )
-        known = [one.name for one in folder.parent.iterdir()] if folder.parent.is_dir() else []
-        raise InputError(f"{folder}: there is no such results folder ({nearest(folder.name, known)}).")
-    try:
-        text = read_text(path)
-    except FileNotFoundError:
-        raise InputError(f"{folder}: it holds no finished run ({MANIFEST} is not there).") from None
-    manifest = parsed_json(text, path=path)
-    if not isinstance(manifest, dict) or not isinstance(manifest.get("experiment"), dict):
-        raise InputError(f"{path}: it is no manifest of a run.")
-    if not isinstance(manifest.get("name"), str):
-        raise InputError(f"{path}: it is no manifest of a run (name: a word is needed).")
+    manifest = read_manifest(folder)
     try:
         summary = read_text(_within(folder / SUMMARY)) if (folder / SUMMARY).exists() else ""
         tables = {file.stem: _table(_within(file)) for file in sorted(folder.glob("*.csv"))}
@@ -111,6 +94,33 @@ def read_run_folder(folder: Path) -> RunFolder:
         figures=tuple(sorted(figures)),
         document=read_document(folder),
     )
+
+
+def read_manifest(folder: Path) -> dict[str, Any]:
+    """The manifest of the finished run in a folder, with its name and experiment.
+
+    Raises:
+        InputError: no such folder, or one that holds no finished run.
+    """
+    path = folder / MANIFEST
+    if not folder.is_dir():
+        if earlier_place(folder).is_dir():
+            raise InputError(
+                f"{folder}: a run was ended while it replaced this result, which is in {earlier_place(folder)}; the "
+                "next run into this folder puts it in order."
+            )
+        known = [one.name for one in folder.parent.iterdir()] if folder.parent.is_dir() else []
+        raise InputError(f"{folder}: there is no such results folder ({nearest(folder.name, known)}).")
+    try:
+        text = read_text(path)
+    except FileNotFoundError:
+        raise InputError(f"{folder}: it holds no finished run ({MANIFEST} is not there).") from None
+    manifest = parsed_json(text, path=path)
+    if not isinstance(manifest, dict) or not isinstance(manifest.get("experiment"), dict):
+        raise InputError(f"{path}: it is no manifest of a run.")
+    if not isinstance(manifest.get("name"), str):
+        raise InputError(f"{path}: it is no manifest of a run (name: a word is needed).")
+    return manifest
 
 
 def earlier_place(folder: Path) -> Path:

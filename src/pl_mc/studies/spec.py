@@ -31,6 +31,10 @@ from pl_mc.receiver.truth import is_file
 _NUMBERS = (int, float, int | None, float | None)
 
 
+def _is_truth(value: Any) -> bool:
+    return isinstance(value, bool)
+
+
 class Strict(BaseModel):
     """A record of an experiment file; unknown fields are errors, values do not change."""
 
@@ -51,12 +55,24 @@ class Strict(BaseModel):
                 raise PydanticCustomError(
                     "number", f"a {'whole ' * counted}number of at most {most if counted else 1e300} is needed"
                 )
+        if isinstance(value, list | tuple) and typing.get_origin(form) is tuple and any(map(_is_truth, value)):
+            inner = typing.get_args(form)[0]
+            if inner in _NUMBERS or typing.get_args(inner)[:1] in ((int,), (float,)):
+                raise PydanticCustomError("number", "numbers are needed")
         if form is str and isinstance(value, datetime.date):
             return value.isoformat()
         if isinstance(value, str) and typing.get_origin(form) is tuple:
             # One name may stand alone, but not several in one word.
             value = (value,)
         return value
+
+
+def once(values: tuple[Any, ...]) -> tuple[Any, ...]:
+    """The values of a field in which each may stand once."""
+    twice = next((value for place, value in enumerate(values) if value in values[:place]), None)
+    if twice is not None:
+        raise PydanticCustomError("twice", "{value} stands there twice", {"value": f"{twice:g}"})
+    return values
 
 
 class SimulatedGeometry(Strict):

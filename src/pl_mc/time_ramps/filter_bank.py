@@ -21,7 +21,7 @@ from pl_mc.araim.risk_equations import Priors, figures, solve_levels
 from pl_mc.araim.solving import Subsets, Whole
 from pl_mc.arrays import FloatArray
 from pl_mc.geometry.record import UP
-from pl_mc.input_errors import InputError, require_fraction, require_list, require_positive, shown
+from pl_mc.input_errors import InputError, require_fraction, require_list, require_within, shown
 from pl_mc.kernels.linear_model import product
 from pl_mc.time_ramps.filters import (
     RANDOM_WALK,
@@ -73,7 +73,7 @@ class FilterBank:
         require_standard(V3, self.budget, of="filter_bank: ")
         if self.taus_s is not None:
             taus = require_list(self.taus_s, field="filter_bank: taus_s", of="two times in seconds")
-            times = tuple(require_positive(tau, field="filter_bank: taus_s") for tau in taus)
+            times = tuple(require_within(tau, field="filter_bank: taus_s", low=1e-3, high=1e9) for tau in taus)
             if len(times) != 2 or times[0] > times[1]:
                 raise InputError(
                     f"filter_bank: taus_s: the shortest and the longest time are needed, such as (100, 1000), not "

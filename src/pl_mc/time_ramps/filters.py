@@ -16,7 +16,7 @@ from jax import Array
 
 from pl_mc.arrays import FloatArray
 from pl_mc.geometry.record import POSITION_UNKNOWNS, UP
-from pl_mc.input_errors import require_choice, require_positive
+from pl_mc.input_errors import require_choice, require_within
 from pl_mc.kernels.linear_model import product
 from pl_mc.time_ramps.sequential import Sample
 from pl_mc.time_ramps.signals import NoiseInTime, Rows
@@ -25,6 +25,9 @@ RANDOM_WALK, CONSTANT_VELOCITY = "random_walk", "constant_velocity"
 
 # What the filter knows before its first measurement, as standard deviations: next to nothing.
 START_POSITION_M, START_CLOCK_M, START_VELOCITY_M_PER_S = 100.0, 1000.0, 5.0
+
+# What a motion may add at a step, in its own units: beyond, covariances of double precision tell nothing.
+_LEAST_MOTION, _MOST_MOTION = 1e-9, 1e4
 
 
 class Motion(Protocol):
@@ -47,7 +50,7 @@ def require_motion(given: Motion, *, owner: str) -> None:
     """Raise `InputError` for a motion that is none."""
     require_choice(given.motion, (RANDOM_WALK, CONSTANT_VELOCITY), field=f"{owner}: motion")
     for name in ("position_m", "velocity_m_per_s", "clock_m"):
-        require_positive(getattr(given, name), field=f"{owner}: {name}")
+        require_within(getattr(given, name), field=f"{owner}: {name}", low=_LEAST_MOTION, high=_MOST_MOTION)
 
 
 @dataclass(frozen=True)

@@ -34,6 +34,8 @@ from pl_mc.time_ramps.sequential_parity import SequentialParity
 from pl_mc.time_ramps.signals import NoiseInTime, Rows, rows_by_satellite, unit_ramp_m, whole_samples
 
 CONFIDENCE = 0.95
+# No error grows faster; its square has to be a number.
+_MOST_RATE = 1e6
 LIMITS_S = (6, 10, 30)
 QUANTILES = (50, 95)
 SEQUENTIAL: dict[str, type] = {
@@ -218,10 +220,15 @@ def require_onset(onset_s: float, interval_s: float, epochs: int) -> int:
 
 
 def ramp_rates(rates_m_per_s: ArrayLike) -> FloatArray:
-    """(f,), different finite rates."""
+    """(f,), different rates."""
     rates = np.atleast_1d(require_numbers(rates_m_per_s, field="rates_m_per_s"))
-    if rates.ndim != 1 or rates.size == 0 or not np.isfinite(rates).all() or np.unique(rates).size < rates.size:
-        raise InputError("rates_m_per_s: one row of different finite rates is needed.")
+    if (
+        rates.ndim != 1
+        or rates.size == 0
+        or not (np.abs(rates) <= _MOST_RATE).all()
+        or np.unique(rates).size < rates.size
+    ):
+        raise InputError(f"rates_m_per_s: one row of different rates of up to {_MOST_RATE:g} m/s is needed.")
     return rates
 
 

@@ -6,7 +6,7 @@ import zlib
 from typing import Annotated, Any, ClassVar, Literal
 
 import numpy as np
-from pydantic import Field, field_validator
+from pydantic import Field, field_validator, model_validator
 from pydantic_core import PydanticCustomError
 
 from pl_mc.error_models import error_model
@@ -15,7 +15,7 @@ from pl_mc.geometry.gps_time import gps_dates, gps_seconds
 from pl_mc.integrity_risk.given_residuals import RiskBudget
 from pl_mc.integrity_risk.given_residuals.budget import as_budget
 from pl_mc.integrity_risk.given_residuals.truth import Alike, Neighbours, OfNoise, Scaled, Truth
-from pl_mc.studies.spec import ByOneLevel, NoiseChoice, Strict
+from pl_mc.studies.spec import ByOneLevel, NoiseChoice, Strict, once
 
 WORLD = "world"
 
@@ -49,6 +49,15 @@ class Sky(Strict):
     constellations: tuple[str, ...] = ("GPS", "GAL")
     error_model: str = "residual"
     error_options: dict[str, Any] = Field(default_factory=dict)
+
+    @model_validator(mode="after")
+    def _within_count(self) -> Sky:
+        if self.stressed > self.count:
+            raise PydanticCustomError(
+                "stressed", "stressed is at most count, {count}, not {stressed}",
+                {"count": self.count, "stressed": self.stressed},
+            )  # fmt: skip
+        return self
 
     def geometries(self, seed: int) -> list[Geometry]:
         """The geometries with redundancy, one epoch each; fewer than ``count`` where some have none."""
@@ -108,12 +117,16 @@ class FrontierExperiment(ByOneLevel):
     biases_m: tuple[_Positive, ...] = (0.25, 0.75)
     noises: tuple[NoiseChoice, ...] = ()
     correlations: tuple[Annotated[float, Field(gt=0, lt=1)], ...] = ()
-    angles_deg: tuple[_Positive, ...] = ()
+    angles_deg: tuple[Annotated[float, Field(gt=0, le=1e6)], ...] = ()
     iterations: tuple[Annotated[int, Field(ge=1, le=1000)], ...] = ()
     pair_priors: tuple[Annotated[float, Field(gt=0, lt=1e-2)], ...] = ()
     independent: int = Field(default=25, ge=1)
     besides: tuple[Literal["pairs", "constellations"], ...] = ()
     continuity: Annotated[float, Field(gt=0, lt=1)] | None = None
+
+    _once = field_validator(
+        "sizes_m", "limits_m", "sigma_factors", "biases_m", "correlations", "angles_deg", "iterations", "pair_priors"
+    )(once)
 
     @field_validator("skies")
     @classmethod
@@ -123,6 +136,16 @@ class FrontierExperiment(ByOneLevel):
         if twice:
             raise PydanticCustomError("twice", "two skies are called {name}", {"name": twice[0]})
         return skies
+
+    @model_validator(mode="after")
+    def _some_are_stressed(self) -> FrontierExperiment:
+        wrong = ("noises", "correlations", "angles_deg", "iterations", "pair_priors")
+        asked = [field for field in wrong if getattr(self, field)]
+        if asked and not any(sky.stressed for sky in self.skies):
+            raise PydanticCustomError(
+                "stressed", "{field} does nothing where no sky has stressed geometries", {"field": asked[0]}
+            )
+        return self
 
     @property
     def truths(self) -> tuple[Truth, ...]:

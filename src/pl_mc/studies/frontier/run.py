@@ -45,6 +45,7 @@ _PER_DRAW, _SCENARIOS_PER_S, _OF_PAIRS = 110.0, 1.3e5, 2_000_000
 
 def run(experiment: FrontierExperiment, execution: Execution) -> Findings:
     """What every method needs and gives at every geometry; over each sky; under wrong assumptions."""
+    _some_stops(experiment)
     budget = experiment.risk_budget()
     judged = experiment.decides
     ((_, _, limit_m),) = judged.levels
@@ -298,11 +299,20 @@ def checks(experiment: FrontierExperiment, g: Geometry | None) -> Iterator[Check
     yield "budget", experiment.risk_budget
     yield "continuity", partial(require_exposure, experiment)
     yield "noises", lambda: experiment.truths
+    yield "iterations", partial(_some_stops, experiment)
     names = [one.name for one in experiment.method_records()]
     for sky in experiment.skies:
         yield "skies", partial(_built, sky, experiment)
         for name in sky.methods:
             yield "skies", partial(require_choice, name, names, field=f"skies: {sky.name}: methods")
+
+
+def _some_stops(experiment: FrontierExperiment) -> None:
+    """An `InputError` where no method has iterations that could end early."""
+    records = experiment.method_records()
+    for count in experiment.iterations:
+        if all(_stopped(one, count) is None for one in records):
+            raise InputError("iterations: none of the methods has iterations, so that nothing ends early.")
 
 
 def _built(sky: Sky, experiment: FrontierExperiment) -> None:

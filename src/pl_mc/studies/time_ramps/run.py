@@ -8,7 +8,7 @@ from typing import Annotated, Any, ClassVar, Literal
 
 import numpy as np
 import pandas as pd
-from pydantic import Field
+from pydantic import Field, field_validator
 
 from pl_mc.alert import HORIZONTAL, VERTICAL, Judged
 from pl_mc.engine import Execution
@@ -21,7 +21,7 @@ from pl_mc.report.findings import Findings, Table
 from pl_mc.report.text import metres, rate_text, row_rate, span
 from pl_mc.runtime.progress import with_progress
 from pl_mc.statistics import ls_quantities
-from pl_mc.studies.spec import ByOneLevel, NamedChoice, SimulatedGeometry
+from pl_mc.studies.spec import ByOneLevel, NamedChoice, SimulatedGeometry, once
 from pl_mc.studies.study import Check, Work, refuse
 from pl_mc.studies.time_ramps.figures import alert_figure, late_figure, same_methods
 from pl_mc.studies.time_ramps.levels import level_blocks, level_sentence, levels_figure, levels_of_banks
@@ -83,6 +83,8 @@ class TimeRampsExperiment(ByOneLevel):
     sequential: tuple[SequentialChoice, ...] = tuple(
         SequentialChoice(name=name) for name in ("sequential_parity", "kalman")
     )
+
+    _once = field_validator("rates_m_per_s", "taus_s")(once)
 
     def tests(self) -> tuple[Test, ...]:
         """Methods and sequential tests, made records."""
