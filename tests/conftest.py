@@ -15,6 +15,8 @@ from typing import Any
 # Each process of the suite has a core to itself: threads of the linear algebra that wait for work take it from others.
 os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
 os.environ.pop("JAX_COMPILATION_CACHE_DIR", None)
+# What a user's own runs have kept is none of the tests' business, and theirs is none of the user's.
+os.environ["PL_MC_CACHE"] = "off"
 
 import jax
 import pytest

@@ -97,9 +97,11 @@ def test_ctrl_c_ends_with_130_whenever_it_comes(tmp_path: Path, monkeypatch: pyt
     monkeypatch.delenv("JAX_COMPILATION_CACHE_DIR", raising=False)
     moments = random.Random(65)
     for _ in range(5):
+        # So many draws that it does not end by itself, however fast the machine.
         process = started(
-            tmp_path, "run", "one.toml", "--fresh", program=SIGNALS + "from pl_mc.cli.main import main; main()"
-        )
+            tmp_path, "run", "one.toml", "--fresh", "--draws", "400000000",
+            program=SIGNALS + "from pl_mc.cli.main import main; main()",
+        )  # fmt: skip
         time.sleep(1.0 + moments.uniform(0.0, 6.0))
         process.send_signal(signal.SIGINT)
         said = process.communicate(timeout=60)[1]

@@ -151,6 +151,7 @@ def test_a_level_beyond_the_limit_alarms_always() -> None:
         ({"methods": ("araim",)}, "methods: araim: continuity is that of araim"),
         ({"sizes_m": []}, "sizes_m"),
         ({"sizes_m": [np.inf]}, "sizes_m"),
+        ({"sizes_m": [5.0, 5.0]}, "sizes_m: one row of different finite sizes"),
         ({"draws": 0}, "draws"),
         ({"rare_draws": 1.5}, "rare_draws"),
         ({"seed": -1}, "seed"),

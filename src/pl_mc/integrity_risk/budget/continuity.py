@@ -125,8 +125,8 @@ def continuity(
             )
         records.append(record)
     sizes = np.atleast_1d(require_numbers(sizes_m, field="sizes_m"))
-    if sizes.ndim != 1 or not sizes.size or not np.isfinite(sizes).all():
-        raise InputError("sizes_m: one row of finite sizes is needed, such as (5, 10, 20).")
+    if sizes.ndim != 1 or not sizes.size or not np.isfinite(sizes).all() or np.unique(sizes).size < sizes.size:
+        raise InputError("sizes_m: one row of different finite sizes is needed, such as (5, 10, 20).")
     draws = require_whole(draws, field="draws", low=16, high=2**22)
     rare_draws = require_whole(rare_draws, field="rare_draws", low=256, high=2**22)
     seed = require_whole(seed, field="seed", low=0, high=LARGEST_SEED)
