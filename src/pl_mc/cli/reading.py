@@ -5,7 +5,7 @@ from __future__ import annotations
 from pathlib import Path
 
 from pl_mc.cli.printing import Flag, Json, Progress, Quiet, print_json, result_content
-from pl_mc.input_errors import InputError, system_reason
+from pl_mc.input_errors import InputError
 
 
 def report(folder: Path, /, *, tex: Path | None = None, json: Json = False, quiet: Quiet = False) -> None:
@@ -24,16 +24,12 @@ def report(folder: Path, /, *, tex: Path | None = None, json: Json = False, quie
     quiet
         Print the path of the page alone.
     """
-    from pl_mc.experiments.reading import remake_page, tex_of
-    from pl_mc.runtime.whole_files import write_whole
+    from pl_mc.experiments.reading import remake_page, tex_of, write_tex
 
     tables = None if tex is None else tex_of(folder, tex)
     result = remake_page(folder)
     if tex is not None and tables is not None:
-        try:
-            write_whole(tex, tables)
-        except OSError as error:
-            raise InputError(f"--tex: {tex}: it cannot be written ({system_reason(error)}).") from None
+        write_tex(tex, tables)
     if json:
         print_json(result_content(result))
     elif quiet:

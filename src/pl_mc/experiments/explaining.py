@@ -39,7 +39,7 @@ _TERMS = {
     "level": "protection level, VPL or HPL: what a method says that its error is within",
     "VPL": "vertical protection level; the column is vpl_m",
     "HPL": "horizontal protection level; the column is hpl_m",
-    "VPL_R": "vertical protection level of the IGG-III estimate (Zhao et al. 2021, eq 18)",
+    "VPL_R": "vertical protection level of the IGG-III estimate (Zhao et al. 2021, eqs 17-19)",
     "vpl_m": "vertical protection level [m]; missing where there is no solution",
     "hpl_m": "horizontal protection level [m]; missing where there is no solution",
     "east_m": "east error of the position [m]",

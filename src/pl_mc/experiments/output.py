@@ -262,17 +262,27 @@ def require_as_written(folder: Path) -> None:
     """Raise `InputError` where a file of a finished run is not what the run wrote, as far as its manifest says."""
     manifest = parsed_json(read_text(folder / MANIFEST), path=folder / MANIFEST)
     total, files = manifest.pop("sha256", None), manifest.get("files", {})
-    if total not in (None, content_hash(manifest)):
-        changed = [MANIFEST]
-    else:
-        # What somebody has removed is no damage.
-        there = [folder / name for name in files if os.path.lexists(folder / name)] if isinstance(files, dict) else []
-        changed = [path.name for path in there if not path.is_file() or file_hash(path) != files[path.name]]
+    changed = [MANIFEST] if total not in (None, content_hash(manifest)) else []
+    if isinstance(files, dict) and not changed:
+        changed = changed_files(folder, files)
     if changed:
         raise InputError(
             f"{folder / changed[0]}: it is not what the run wrote; without --resume the run is counted anew and "
             "replaces it."
         )
+
+
+def changed_files(folder: Path, files: Mapping[str, str]) -> list[str]:
+    """Names of files that are there and are not what their hashes say; what somebody has removed is no damage."""
+
+    def as_written(path: Path) -> bool:
+        try:
+            return path.is_file() and file_hash(path) == files[path.name]
+        except OSError:
+            return False
+
+    there = [folder / name for name in files if os.path.lexists(folder / name)]
+    return [path.name for path in there if not as_written(path)]
 
 
 def file_hash(path: Path) -> str:

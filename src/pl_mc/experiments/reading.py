@@ -90,6 +90,14 @@ def tex_of(folder: Path, place: Path) -> str:
         raise InputError(f"--tex: {shown(str(place))}: it cannot be written ({system_reason(error)}).") from None
 
 
+def write_tex(place: Path, tables: str) -> None:
+    """Write tables of `tex_of` to its place; an `InputError` where that fails."""
+    try:
+        write_whole(place, tables)
+    except OSError as error:
+        raise InputError(f"--tex: {place}: it cannot be written ({system_reason(error)}).") from None
+
+
 def document_of_files(run: RunFolder, experiment: Experiment) -> Document:
     """The document of a run of a version that stored none: nothing is charted, figures have their names.
 

@@ -16,7 +16,7 @@ import pandas as pd
 from pl_mc.engine import Execution
 from pl_mc.engine.part_task import environment
 from pl_mc.experiments.loading import load_experiment
-from pl_mc.experiments.output import content_hash, file_hash, input_hashes, recorded_versions
+from pl_mc.experiments.output import changed_files, content_hash, input_hashes, recorded_versions
 from pl_mc.experiments.running import run_experiment
 from pl_mc.input_errors import InputError, shown, system_reason
 from pl_mc.report.page import PAGE
@@ -108,7 +108,9 @@ def _verified(folder: Path, partial: bool, redo: bool, progress: bool | None) ->
         raise InputError(f"{folder / MANIFEST}: files: {shown(odd)} is no name of a file in the folder.")
     changed = [] if total == content_hash(manifest) else [MANIFEST]
     there = [name for name in files if os.path.lexists(folder / name)]
-    changed += [name for name in there if not _is_as_written(folder / name, files[name])]
+    # A link is no file that the run wrote, whatever it leads to.
+    links = [name for name in there if (folder / name).is_symlink()]
+    changed += dict.fromkeys([*changed_files(folder, files), *links])
     inputs, notes = ([], []) if MANIFEST in changed else _inputs(folder, manifest)
     if PAGE not in files and (folder / PAGE).exists():
         notes.append(f"{PAGE}: the run was of a version that kept no hash of it.")
@@ -129,14 +131,6 @@ def _verified(folder: Path, partial: bool, redo: bool, progress: bool | None) ->
 def _is_plain(name: str) -> bool:
     """Whether a name is that of a file in a folder, and can be shown as it is."""
     return name.isprintable() and 0 < len(name) <= _LONGEST_NAME and Path(name).name == name != ".."
-
-
-def _is_as_written(path: Path, wanted: object) -> bool:
-    """Whether a file can be read, is no link, and has that hash."""
-    try:
-        return path.is_file() and not path.is_symlink() and file_hash(path) == wanted
-    except OSError:
-        return False
 
 
 def _foreign(folder: Path, files: Mapping[str, str]) -> list[str]:

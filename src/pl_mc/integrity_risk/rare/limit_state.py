@@ -169,12 +169,17 @@ class EpochState(InCoordinates):
         codes = satellite_codes(series, series.satellite[epoch])
         return cls(design, sigma, seen, bias, method, event, limits_m, turned, axis=axis, satellite=codes, **options)
 
+    @functools.cached_property
+    def _one_clock_per_row(self) -> bool:
+        """What the model is told; samplers ask for limit states again and again."""
+        return has_one_clock_per_row(self.design[self.in_view])
+
     def computed(self, points: FloatArray, of: OfOutcome, event: Any, noise_model: NoiseModel = GAUSSIAN) -> FloatArray:
         """(N,), what a function of outcomes makes of points (N, dimension), call by call; see `OfOutcome`."""
         arrays = (self.design, self.sigma_m, self.in_view, self.satellite, self.bias_m)
         rows, limits_m = self.coordinates.matrix, np.atleast_1d(np.asarray(self.limits_m, np.float64))
-        static = {"of": of, "noise_model": noise_model, "axis": self.axis}
-        static["one_clock_per_row"] = has_one_clock_per_row(self.design[self.in_view])
+        static: dict[str, Any] = {"of": of, "noise_model": noise_model, "axis": self.axis}
+        static["one_clock_per_row"] = self._one_clock_per_row
         values, methods = np.empty(len(points)), as_trees((self.method,))
         with precision_scope("float64"):
             for start in range(0, len(points), POINTS_PER_CALL):

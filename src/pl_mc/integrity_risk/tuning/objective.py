@@ -111,6 +111,11 @@ class TuningProblem:
         """``vpl``, which columns of its level are called by."""
         return LEVEL[self.axis]
 
+    @functools.cached_property
+    def _one_clock_per_row(self) -> bool:
+        """What the model is told; a search asks for draws again and again."""
+        return has_one_clock_per_row(self.design)
+
     def draws(self, limits: FloatArray, noise: FloatArray | WeightedNoise) -> Draws:
         """Ratios and levels of whitened noise (N, n), or of weighted draws, with limits (k0, k1)."""
         if isinstance(noise, WeightedNoise):
@@ -131,7 +136,7 @@ class TuningProblem:
         """(2, N), of ratio and level."""
         found = np.empty((2, len(noise)))
         limits = np.asarray(limits, dtype=np.float64)
-        static = {"axis": self.axis, "one_clock_per_row": has_one_clock_per_row(self.design)}
+        static = {"axis": self.axis, "one_clock_per_row": self._one_clock_per_row}
         with precision_scope("float64"):
             for begin in range(0, len(noise), _CALL):
                 some = noise[begin : begin + _CALL]
