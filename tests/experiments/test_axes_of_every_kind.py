@@ -261,7 +261,7 @@ RISK: dict[str, Any] = {
     "curves": {"satellites": ["G22"], "step_m": 25.0, "misleading_m": [12.5], "target_cov": 0.3},
     "budgets": [],
     "calibration": {
-        "targets": [1e-1, 1e-2], "faults": [{}, {"G22": 12.5}], "fewest_draws": 2000, "alarm_satellite": "G22",
+        "targets": [1e-2], "faults": [{}, {"G22": 12.5}], "fewest_draws": 2000, "alarm_satellite": "G22",
         "alarm_biases_m": [0.0, 20.0], "alarm_draws": 300, "worst_sizes_m": [10.0],
     },
 }  # fmt: skip

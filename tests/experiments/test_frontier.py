@@ -106,7 +106,7 @@ def test_continuity_is_that_of_the_function() -> None:
         "constellations": ["ADD-24+24"],
         "error_model": "dual_frequency",
     }
-    changed = {"skies": [sky], "methods": [{"name": "araim"}, timed, timed | {"exclusion": "satellites"}]}
+    changed = {"skies": [sky], "methods": [{"name": "ls"}, timed, timed | {"exclusion": "satellites"}]}
     experiment = FrontierExperiment.model_validate(FEW | NOTHING_WRONG | changed | {"continuity": 8e-5})
     result = STUDY.found(experiment, Execution(progress=False))
     table = result.data["continuity"]

@@ -112,7 +112,7 @@ def test_single_precision_counts_as_double_precision_does():
     fault = pl_mc.biases(g, {"C02": -3.12})
     methods = (Igg3(iterations=40), Igg3(), Huber())
     double, single = (
-        pl_mc.sweep(g, fault, draws=150_000, seed=1, methods=methods, precision=precision, progress=False)
+        pl_mc.sweep(g, fault, draws=80_000, seed=1, methods=methods, precision=precision, progress=False)
         for precision in ("float64", "float32")
     )
     for event in ("misleading", "unavailable", "tied"):

@@ -236,13 +236,13 @@ def test_defaults_have_settled():
     g = pl_mc.simulate(site="CUT0", start="2017-11-21T00:00:00", constellations=("GPS", "BDS-2"), epochs=546)[545]
     faults = pl_mc.no_fault(g) + pl_mc.biases(g, {"G09": 3.5}) + pl_mc.biases(g, {"G09": 20.0})
     methods = (Igg3(), Huber(), Tukey(), Hampel(), Danish(), MM(), Igg3(iterations=10))
-    table = pl_mc.sweep(g, faults, draws=20_000, seed=5, methods=methods, progress=False)
+    table = pl_mc.sweep(g, faults, draws=10_000, seed=5, methods=methods, progress=False)
     settled, ten = table[table.method != "igg3(iterations=10)"], table[table.method == "igg3(iterations=10)"]
     # A count that a rate of 1e-3 exceeds once in a million.
-    assert (settled.unconverged <= stats.binom.isf(1e-6, 20_000, 1e-3)).all()
+    assert (settled.unconverged <= stats.binom.isf(1e-6, 10_000, 1e-3)).all()
     assert settled.unconverged.sum() < 1e-3 * settled.draws.sum()
     # 13.9, 19.3 and 17.8 % of 100,000 draws of another seed.
-    error = np.sqrt(0.2 * 0.8 / 20_000)
+    error = np.sqrt(0.2 * 0.8 / 10_000)
     np.testing.assert_allclose(ten.unconverged_rate, [0.139, 0.193, 0.178], atol=4.9 * error)
 
 

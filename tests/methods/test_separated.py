@@ -120,7 +120,7 @@ def test_the_level_keeps_its_budget_whatever_the_estimate(estimate) -> None:
     budget = pl_mc.RiskBudget(target=9.8e-8)
     for axis, more in (("vertical", {}), ("horizontal", {"target": 2e-9})):
         one = method("separated", p_const=0.0, b_nom_m=0.0, estimate=estimate)
-        row = pl_mc.level_risk(G, method=one, budget=replace(budget, **more), axis=axis, draws=2048, seed=3).iloc[0]
+        row = pl_mc.level_risk(G, method=one, budget=replace(budget, **more), axis=axis, draws=1024, seed=3).iloc[0]
         assert row["kept"], row
         assert 0 <= row["contribution_fault_free"] < row["risk"] < row["risk_high"]
 

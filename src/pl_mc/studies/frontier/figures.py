@@ -71,28 +71,27 @@ def frontier_figure(curves: pd.DataFrame, frontier: pd.DataFrame, *, axis: str, 
     return figure
 
 
-@picture(
-    "multipliers", "Multipliers that keep the budget at each geometry, sorted; the share of geometries that need less."
-)
+@picture("multipliers", "Share of geometries at which a multiplier of at most K keeps the budget.")
 def multiplier_figure(geometries: pd.DataFrame, multipliers: pd.DataFrame, *, axis: str, title: str) -> Figure:
     """Distribution of the multiplier of each method over the geometries of each sky."""
     skies = list(dict.fromkeys(multipliers.sky))
     methods = list(dict.fromkeys(multipliers.method))
+    place = {method: k for k, method in enumerate(dict.fromkeys(geometries.method))}
     figure, axes = _panels(skies, methods, title)
     for panel, sky in zip(axes, skies, strict=True):
-        for k, method in enumerate(methods):
+        for method in methods:
             found = np.sort(geometries[(geometries.sky == sky) & (geometries.method == method)].k.to_numpy())
             if not found.size:
                 continue
             share = np.arange(1, found.size + 1) / found.size
             finite = np.isfinite(found)
-            look = series_style(k, _FURTHER).look
+            look = series_style(place[method], _FURTHER).look
             every = max(found.size // 8, 1)
             panel.step(
                 found[finite], share[finite], where="post", **look, linewidth=1.2, markersize=4.5, markevery=every,
                 label=method,
             )  # fmt: skip
         panel.set(xlabel=f"K of the {axis} level", title=sky, ylim=(0.0, 1.02))
-    axes[0].set_ylabel("share of geometries that need less")
+    axes[0].set_ylabel("share of geometries whose K is at most this")
     legend_below(figure, axes[:1], columns=min(len(skies), _MOST_COLUMNS), side="center")
     return figure
