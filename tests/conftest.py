@@ -173,12 +173,15 @@ class Drawing:
             for axes in figure.axes for side in ("left", "center")
         )  # fmt: skip
         # What could not be drawn has no axes.
-        known = self.known.get((name, said)) if said and not self.always else None
+        from pl_mc.report.look import look_now
+
+        key = (name, said, look_now())
+        known = self.known.get(key) if said and not self.always else None
         if known is None:
             why = str(self.render(figure, folder, name))
             if not why:
-                files = [folder / f"{name}.{ending}" for ending in ("svg", "png")]
-                self.known[name, said] = {file.name: file.read_bytes() for file in files}
+                files = [folder / f"{name}.{ending}" for ending in look_now().endings]
+                self.known[key] = {file.name: file.read_bytes() for file in files}
             return why
         for file, content in known.items():
             (folder / file).write_bytes(content)

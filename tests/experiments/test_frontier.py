@@ -12,6 +12,7 @@ from pl_mc.engine import Execution
 from pl_mc.input_errors import InputError
 from pl_mc.integrity_risk.given_residuals.draws import EpochParts
 from pl_mc.methods import method
+from pl_mc.report.figures import in_common_look
 from pl_mc.statistics import ls_quantities
 from pl_mc.studies.frontier import STUDY
 from pl_mc.studies.frontier.figures import frontier_figure
@@ -169,7 +170,7 @@ def test_the_answer_names_the_smallest_level(found) -> None:
     assert f"{best.method} with {best.level_mean_m:.3g} m (a day; alarms in 100 % of draws with 100 m" in smallest
     assert "separated(estimate=midrange,p_const=0) with" in silent
     assert "1 sky of 2 geometries" in judged
-    assert {picture.name for picture in found.pictures} == {"frontier", "multipliers"}
+    assert {picture.name for picture in STUDY.pictures(found.data, experiment)} == {"frontier", "multipliers"}
 
 
 @pytest.mark.drawn
@@ -177,7 +178,7 @@ def test_the_legend_of_many_methods_stands_within_the_figure_of_one_sky() -> Non
     names = [f"separated(estimate=midrange,p_const=0,b_nom_m=0.{k:02d})" for k in range(15)]
     frontier = pd.DataFrame({"sky": "s", "method": names, "allowed": 8e-8, "level_mean_m": 8.0})
     curves = pd.DataFrame({"sky": "s", "method": names, "factor": 1.0, "level_m": 8.0, "risk": 1e-8})
-    figure = frontier_figure(curves, frontier, axis="vertical", title="t").figure
+    figure = in_common_look(frontier_figure)(curves, frontier, axis="vertical", title="t")
     figure.canvas.draw()
     (legend,) = figure.legends
     box, whole = legend.get_window_extent(), figure.bbox

@@ -59,9 +59,10 @@ def test_factors_are_the_rates_of_the_sweeps(tmp_path: Path) -> None:
 
 def test_the_run_writes_nothing(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.chdir(tmp_path)
-    findings = STUDY.run(build_experiment(NOISE | {"draws": 300}, source="test"), Execution(progress=False))
+    experiment = build_experiment(NOISE | {"draws": 300}, source="test")
+    findings = STUDY.run(experiment, Execution(progress=False))
     assert list(findings.data) == ["rates", "factors", "risks", "exposures"]
-    assert [picture.name for picture in findings.pictures] == ["noise_models", "exposures"]
+    assert [picture.name for picture in STUDY.pictures(findings.data, experiment)] == ["noise_models", "exposures"]
     assert not list(tmp_path.iterdir())
 
 

@@ -121,7 +121,8 @@ def test_an_epoch_without_redundancy_has_no_solution() -> None:
 def test_the_risk_experiment(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.chdir(tmp_path)
     # One thread: two would compile the same at the same time.
-    findings = STUDY.run(build_experiment(RISK, source="test"), Execution(workers=1, progress=False))
+    experiment = build_experiment(RISK, source="test")
+    findings = STUDY.run(experiment, Execution(workers=1, progress=False))
     # What a study finds is written by others.
     assert list(tmp_path.iterdir()) == []
     day = pl_mc.simulate(epochs=1)[0]
@@ -167,7 +168,7 @@ def test_the_risk_experiment(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) ->
     budget = read["budgets"]
     total = budget[budget["mode"] == "total"].risk_per_approach.iloc[0]
     assert total == pytest.approx(budget[budget["mode"] != "total"].risk_per_approach.sum())
-    drawn_figures = {picture.name: picture.figure for picture in findings.pictures}
+    drawn_figures = {picture.name: picture.figure for picture in STUDY.pictures(findings.data, experiment)}
     assert list(drawn_figures) == ["risk_against_bias", "worst_case", "grid_steps", "worst_sky", "calibration"]
     for name, figure in drawn_figures.items():
         figure.savefig(tmp_path / f"{name}.png", dpi=150)

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 from dataclasses import replace
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -75,8 +76,8 @@ def store_run(
     folder.mkdir(parents=True)
     record = build_experiment(CONTENT | changes, source="test")
     study, title = study_of(record), str(record.title)
-    figure = rates_by_fault_figure(rates, judged=Judged(LPV_200), title=title)
-    pictures = [Picture("rates", figure, CAPTION)] * with_figure
+    draw = partial(rates_by_fault_figure, rates, judged=Judged(LPV_200), title=title)
+    pictures = [Picture("rates", CAPTION, draw)] * with_figure
     findings = Findings(
         summary=SUMMARY,
         tables=(Table("rates", rates, chart=replace(CHART, menus=menus)),),

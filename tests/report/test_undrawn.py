@@ -13,7 +13,7 @@ from PIL import Image
 from pl_mc.report.artists import Undrawn
 from pl_mc.report.figures import in_common_look, new_figure, save_figure
 from pl_mc.report.files import write_findings
-from pl_mc.report.findings import Findings, Picture, Table, picture
+from pl_mc.report.findings import Findings, Picture, Table
 
 pytestmark = pytest.mark.drawn
 
@@ -45,7 +45,8 @@ def test_text_is_text(title: str, logarithmic: bool, tmp_path: Path) -> None:
 
 def _findings(figure: Figure) -> Findings:
     table = Table("rates", pd.DataFrame({"bias_m": [1.0, 2.0]}))
-    return Findings(("Words.",), (table,), (Picture("good", drawn("A title"), "Good."), Picture("bad", figure, "Bad.")))
+    good, bad = Picture("good", "Good.", lambda: drawn("A title")), Picture("bad", "Bad.", lambda: figure)
+    return Findings(("Words.",), (table,), (good, bad))
 
 
 class _Strange(Figure):
@@ -71,10 +72,9 @@ def test_a_figure_that_fails_costs_that_figure(figure: Figure, tmp_path: Path) -
 
 
 def test_a_function_that_fails_gives_what_stands_for_its_figure() -> None:
-    @picture("one", "One.")
     def draw() -> Figure:
         raise ZeroDivisionError("nothing to divide by")
 
-    made = draw()
-    assert isinstance(made.figure, Undrawn)
-    assert made.figure.reason == "ZeroDivisionError: nothing to divide by"
+    figure = Picture("one", "One.", draw).figure
+    assert isinstance(figure, Undrawn)
+    assert figure.reason == "ZeroDivisionError: nothing to divide by"

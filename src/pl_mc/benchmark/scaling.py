@@ -19,7 +19,8 @@ from pl_mc.benchmark.problem import reference_faults, reference_geometry
 from pl_mc.benchmark.report import write_texts
 from pl_mc.engine.checks import LARGEST_DRAWS
 from pl_mc.input_errors import InputError, require_choice, require_whole
-from pl_mc.report.figures import in_common_look, new_figure, save_figure, series_style
+from pl_mc.report.figures import in_common_look, new_figure, save_figure
+from pl_mc.report.look import series_style
 from pl_mc.report.text import markdown_table
 from pl_mc.runtime.precision import PRECISIONS
 from pl_mc.runtime.progress import with_progress

@@ -87,6 +87,30 @@ class Output:
             print(f"Results: {result.folder}{page}")
 
 
+@Parameter(name="*")
+@dataclass(frozen=True)
+class Figures:
+    """How figures are drawn, instead of the experiment's way.
+
+    Attributes:
+        format, style, width: the options of those names.
+    """
+
+    format: Annotated[
+        tuple[str, ...], Parameter(negative="", help="Files of each figure: png, svg, pdf, or several, `png,svg,pdf`.")
+    ] = ()
+    style: Annotated[
+        str | None, Parameter(help="screen; paper (in colours) or grey, for print: 7 to 8 points, no heading.")
+    ] = None
+    width: Annotated[str | None, Parameter(help="Width of every figure: `88mm`, `8.8cm` or `3.5in`.")] = None
+
+    @property
+    def fields(self) -> dict[str, Any]:
+        """The fields that are given."""
+        given = {"format": self.format or None, "style": self.style, "width": self.width}
+        return {name: value for name, value in given.items() if value is not None}
+
+
 def overrides(
     draws: int | None,
     seed: int | None,
@@ -113,7 +137,7 @@ def result_content(result: RunResult) -> dict[str, Any]:
         "folder": str(result.folder),
         "report": result.page,
         "tables": [name for name in files if name.endswith((".csv", ".parquet"))],
-        "figures": [name for name in files if name.endswith((".png", ".svg"))],
+        "figures": [name for name in files if name.endswith((".png", ".svg", ".pdf"))],
         "answer": list(result.answer),
         "notes": list(result.notes),
     }

@@ -2,16 +2,27 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from pathlib import Path
 
-from pl_mc.cli.printing import Flag, Json, Progress, Quiet, print_json, result_content
+from pl_mc.cli.printing import Figures, Flag, Json, Progress, Quiet, print_json, result_content
 from pl_mc.input_errors import InputError
 
+_AS_THEY_ARE = Figures()
 
-def report(folder: Path, /, *, tex: Path | None = None, json: Json = False, quiet: Quiet = False) -> None:
-    """Make the page of a run, `report.html`, again from what its results folder holds.
 
-    Example: `pl-mc report runs/ramp`
+def report(
+    folder: Path, /, *, tex: Path | None = None, figures: Figures = _AS_THEY_ARE, json: Json = False,
+    quiet: Quiet = False,
+) -> None:  # fmt: skip
+    """Make the page of a run, `report.html`, again from what its results folder holds; with `--format`, `--style` or
+    `--width` its figures too, from the tables.
+
+    Examples:
+
+    `pl-mc report runs/ramp` makes the page again.
+
+    `pl-mc report runs/ramp --format pdf --style paper --width 88mm` adds figures for print.
 
     Parameters
     ----------
@@ -25,9 +36,13 @@ def report(folder: Path, /, *, tex: Path | None = None, json: Json = False, quie
         Print the path of the page alone.
     """
     from pl_mc.experiments.reading import remake_page, tex_of, write_tex
+    from pl_mc.experiments.redrawing import figure_fields, redraw
 
+    fields = figure_fields(figures.fields)
     tables = None if tex is None else tex_of(folder, tex)
+    undrawn = redraw(folder, fields) if figures.fields else ()
     result = remake_page(folder)
+    result = replace(result, notes=(*result.notes, *undrawn))
     if tex is not None and tables is not None:
         write_tex(tex, tables)
     if json:

@@ -7,11 +7,26 @@ from typing import Annotated, Any
 
 from cyclopts import Parameter
 
-from pl_mc.cli.printing import Count, Draws, Flag, Json, Limit, Output, Progress, Seed, Several, Texts, Which, overrides
+from pl_mc.cli.printing import (
+    Count,
+    Draws,
+    Figures,
+    Flag,
+    Json,
+    Limit,
+    Output,
+    Progress,
+    Seed,
+    Several,
+    Texts,
+    Which,
+    overrides,
+)
 from pl_mc.input_errors import InputError, shown
 from pl_mc.runtime.kept_programs import keep_programs
 
 _DEFAULT = Output()
+_AS_IN_THE_FILE = Figures()
 
 
 def run(
@@ -31,6 +46,7 @@ def run(
     workers: Count = None,
     devices: Count = None,
     scheduler: str | None = None,
+    figures: Figures = _AS_IN_THE_FILE,
     output: Output = _DEFAULT,
 ) -> None:
     """Run an experiment and write its tables, figures, summary, page and manifest.
@@ -49,6 +65,8 @@ def run(
     `pl-mc run my.toml --fault G01:+30m --fault G01+G13:+30m` puts two faults in place of the file's.
 
     `pl-mc run zhao2021-sweep --resume` goes on with a run that was stopped.
+
+    `pl-mc run ramp --format png,svg,pdf --style paper --width 88mm` draws figures for print.
 
     `pl-mc run ramp --json` ends with the folder, the files and the answer as JSON.
 
@@ -88,7 +106,9 @@ def run(
     from pl_mc.experiments.running import run_experiment, run_shard
     from pl_mc.studies.spec import kind_of
 
-    name, record = load_experiment(experiment, overrides(draws, seed, val, hal, axes), faults=fault)
+    name, record = load_experiment(
+        experiment, overrides(draws, seed, val, hal, axes), faults=fault, figures=figures.fields
+    )
     given = next((option for option, limit in (("--val", val), ("--hal", hal)) if limit is not None), None)
     if given and not record.judged_axes():
         raise InputError(f"{given}: an experiment of the kind {kind_of(record)} judges by no alert limit.")
@@ -144,6 +164,7 @@ def observe(
     claim_multiplier: Limit = None,
     residuals: Flag = False,
     out: Path | None = None,
+    figures: Figures = _AS_IN_THE_FILE,
     output: Output = _DEFAULT,
 ) -> None:
     """Solve every epoch of a receiver's files with every method: errors, protection levels, alarms.
@@ -226,6 +247,7 @@ def observe(
         "claims": claims,
         "claim_multiplier": claim_multiplier,
         "residuals": residuals,
+        "figures": figures.fields,
         **overrides(None, None, val, hal, () if axes is None else (axes,)),
     }
     record = build_experiment(content, source="observe")

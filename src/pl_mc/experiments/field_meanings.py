@@ -26,6 +26,7 @@ SHARED: dict[str, str] = {
     "or CAT-IIIB; or {name = 'mine', vertical_m = 25, horizontal_m = 10}, or one of the two",
     "vertical_m": "vertical alert limit",
     "horizontal_m": "horizontal alert limit",
+    "figures": "how figures are drawn and stored; no number depends on it",
     "seed": "chooses the noise; the same seed gives the same counts",
     "precision": "precision of the computation",
     "draws": "noise draws for each fault at each epoch",

@@ -7,13 +7,18 @@ from typing import Any
 
 from pl_mc.experiments.source_files import read_source
 from pl_mc.input_errors import InputError, nearest, shown
+from pl_mc.studies.figure_fields import with_figures
 from pl_mc.studies.registry import FORMER, KINDS, in_todays_words, with_faults
 from pl_mc.studies.spec import Experiment
 from pl_mc.studies.validation import FieldProblem, problems_of, validated
 
 
 def load_experiment(
-    which: str, overrides: Mapping[str, Any] | None = None, *, faults: Sequence[str] = ()
+    which: str,
+    overrides: Mapping[str, Any] | None = None,
+    *,
+    faults: Sequence[str] = (),
+    figures: Mapping[str, Any] | None = None,
 ) -> tuple[str, Experiment]:
     """Name and record of an experiment.
 
@@ -21,6 +26,7 @@ def load_experiment(
         which: a name of `experiment_files`, the path of a TOML file, or the path of a run's ``manifest.json``.
         overrides: top-level fields that replace the file's.
         faults: as texts, in place of the experiment's; none to leave these.
+        figures: fields of its figures that replace the file's.
 
     Raises:
         InputError: no such experiment or file, a kind that takes no faults, text that is no TOML, or fields that are
@@ -30,6 +36,7 @@ def load_experiment(
     content = dict(source.content) | dict(overrides or {})
     if faults:
         content = with_faults(content, faults)
+    content = with_figures(content, figures or {})
     return source.name, build_experiment(content, source=str(source.path.name))
 
 

@@ -35,6 +35,9 @@ _RECORDED = ("pl_mc", "jax", "jaxlib", "numpy", "scipy", "pandas", "pyarrow", "m
 RECORD = "experiment.json"
 SUFFIX = ".unfinished"
 
+# Where a manifest says how figures were drawn again since the run.
+REDRAWN = "redrawn"
+
 
 # Beside a results folder stand, hidden: what a run is writing, and what it replaces, for the moment of two renames.
 _WRITING = "writing-"
@@ -136,6 +139,7 @@ def write_manifest(folder: Path, *, name: str, experiment: Experiment, notes: Se
     content: dict[str, Any] = {
         "name": name,
         "experiment": experiment.model_dump(mode="json"),
+        **experiment.figures.told(),
         "inputs": input_hashes(experiment),
         "noise": {"generator": "threefry2x32", "lanes_per_block": LANES},
         "cut": {"scenarios_per_call": plan.SCENARIOS_PER_CALL, "calls_per_part": plan.CALLS_PER_PART},
@@ -153,12 +157,22 @@ def recorded_versions() -> dict[str, str]:
     return {"python": platform.python_version()} | {name: importlib.metadata.version(name) for name in _RECORDED}
 
 
-def record_page(folder: Path, page: str) -> None:
-    """Add the hash of a page, which is made of the manifest among others, to it; not to a manifest that was changed."""
+def record_files(folder: Path, names: Sequence[str], redrawn: Mapping[str, Any] | None = None) -> None:
+    """Add hashes of files that were made of a run to its manifest; not to a manifest that was changed.
+
+    Args:
+        folder: the results.
+        names: of the files: the page, which is made of the manifest among others, or figures.
+        redrawn: the fields of these figures, where they were drawn again.
+    """
     manifest = parsed_json(read_text(folder / MANIFEST), path=folder / MANIFEST)
     total, files = manifest.pop("sha256", None), manifest.get("files")
     if total == content_hash(manifest) and isinstance(files, dict):
-        files[page] = file_hash(folder / page)
+        files |= {name: file_hash(folder / name) for name in names}
+        if redrawn is not None:
+            # Of forms that are drawn once more the earlier ones are gone.
+            earlier = [one for one in manifest.get(REDRAWN, []) if not set(one["format"]) <= set(redrawn["format"])]
+            manifest[REDRAWN] = [*earlier, dict(redrawn)]
         _write_manifest(folder, manifest)
 
 
@@ -199,6 +213,7 @@ class Unfinished:
         if fresh:
             self.remove()
         content: dict[str, Any] = {"name": name, "experiment": experiment.model_dump(mode="json")}
+        content |= experiment.figures.told()
         said = ""
         if self.part_count:
             if not resume:
@@ -234,10 +249,11 @@ class Unfinished:
 
 
 def read_record(folder: Path) -> dict[str, Any]:
-    """Name and experiment of an unfinished run."""
+    """Name and experiment of an unfinished run, and how its figures are drawn where that is not as usual."""
     try:
         content = parsed_json(read_text(folder / RECORD), path=folder / RECORD)
         found = {"name": content["name"], "experiment": dict(content["experiment"])}
+        found |= {"figures": dict(content["figures"])} if "figures" in content else {}
         if content.get("sha256", content_hash(found)) != content_hash(found):
             raise ValueError
     except (OSError, ValueError, KeyError, TypeError, AttributeError):
@@ -258,13 +274,18 @@ def require_finished_alike(folder: Path, experiment: Experiment) -> None:
         )
 
 
-def require_as_written(folder: Path) -> None:
-    """Raise `InputError` where a file of a finished run is not what the run wrote, as far as its manifest says."""
+def require_as_written(folder: Path, *, only: tuple[str, ...] = ("",)) -> None:
+    """Raise `InputError` where a file of a finished run is not what the run wrote, as far as its manifest says.
+
+    Args:
+        folder: the results.
+        only: endings of the files that count.
+    """
     manifest = parsed_json(read_text(folder / MANIFEST), path=folder / MANIFEST)
     total, files = manifest.pop("sha256", None), manifest.get("files", {})
     changed = [MANIFEST] if total not in (None, content_hash(manifest)) else []
     if isinstance(files, dict) and not changed:
-        changed = changed_files(folder, files)
+        changed = [name for name in changed_files(folder, files) if name.endswith(only)]
     if changed:
         raise InputError(
             f"{folder / changed[0]}: it is not what the run wrote; without --resume the run is counted anew and "

@@ -12,7 +12,7 @@ import pandas as pd
 
 from pl_mc.experiments.field_meanings import meanings_of
 from pl_mc.experiments.loading import build_experiment, in_this_version
-from pl_mc.experiments.output import record_page, result_folder
+from pl_mc.experiments.output import record_files, result_folder
 from pl_mc.experiments.running import RunResult
 from pl_mc.experiments.source_files import experiment_of
 from pl_mc.input_errors import InputError, shown, system_reason
@@ -46,7 +46,7 @@ def remake_page(folder: Path) -> RunResult:
     document, meanings = _document(run)
     try:
         write_page(replace(run, document=document), meanings=meanings)
-        record_page(folder, PAGE)
+        record_files(folder, [PAGE])
     except (LookupError, TypeError, ValueError, AttributeError, OverflowError, RecursionError) as error:
         if isinstance(error, InputError):
             raise

@@ -22,7 +22,7 @@ from pl_mc.experiments.output import (
     Unfinished,
     absolute,
     read_record,
-    record_page,
+    record_files,
     require_as_written,
     require_finished_alike,
     result_folder,
@@ -34,6 +34,7 @@ from pl_mc.report.files import to_markdown, write_findings
 from pl_mc.report.page import PAGE, write_page
 from pl_mc.report.run_folder import MANIFEST, folder_name, read_run_folder
 from pl_mc.runtime.whole_files import write_whole
+from pl_mc.studies.figure_fields import with_figures
 from pl_mc.studies.registry import KINDS, study_of
 from pl_mc.studies.spec import Experiment, kind_of
 from pl_mc.studies.study import Parted, Study
@@ -109,11 +110,13 @@ def run_experiment(
             answer=study.answer(findings.data, experiment),
             val_m=experiment.alert_limits().vertical_m,
             hal_m=experiment.alert_limits().horizontal_m,
+            pictures=lambda tables: study.pictures(tables, experiment),
+            look=experiment.figures.look,
         )
         seconds = time.perf_counter() - begin
         write_manifest(working, name=name, experiment=experiment, notes=document.notes, seconds=seconds)
         write_page(read_run_folder(working), meanings=meanings_of(experiment), shown_as=folder)
-        record_page(working, PAGE)
+        record_files(working, [PAGE])
     notes = tuple(dict.fromkeys([*said, *document.notes]))
     summary = to_markdown(document.title, document.summary, notes)
     return RunResult(folder=folder, summary=summary, notes=notes, answer=document.answer, page=PAGE)
@@ -127,7 +130,10 @@ def _finished(folder: Path, experiment: Experiment) -> RunResult:
     note = f"{folder}: this run was finished before, and nothing was counted; without --resume it is counted anew."
     answer = () if run.document is None else run.document.answer
     page = PAGE if (folder / PAGE).is_file() else ""
-    return RunResult(folder, f"{note}\n\n{run.summary}", (note, *run.notes), answer, page)
+    notes = [note]
+    if experiment.figures.told().get("figures") not in (None, run.manifest.get("figures")):
+        notes.append(f"{folder}: its figures are as they were; pl-mc report draws them again.")
+    return RunResult(folder, "\n\n".join([*notes, run.summary]), (*notes, *run.notes), answer, page)
 
 
 def run_shard(name: str, experiment: Experiment, out: Path | None, execution: Execution) -> RunResult:
@@ -176,7 +182,7 @@ def merge(folders: Sequence[Path], out: Path, *, progress: bool | None = None) -
         if read_record(source)["experiment"] != first["experiment"]:
             raise InputError(f"{source}: it is a share of another experiment than {sources[0]}.")
     place = Unfinished(absolute(out))
-    experiment = build_experiment(first["experiment"], source=RECORD)
+    experiment = build_experiment(with_figures(first["experiment"], first.get("figures", {})), source=RECORD)
     with writing(place.results):
         # Refuses to gather among the parts of something else.
         place.begin(first["name"], experiment, resume=True, fresh=False)

@@ -56,7 +56,8 @@ def read_source(which: str) -> ExperimentSource:
     from pl_mc.report.run_folder import folder_name
 
     name = folder_name(manifest.get("name"), source=str(path))
-    return ExperimentSource(name, path, "", experiment_of(manifest))
+    drawn = {"figures": manifest["figures"]} if "figures" in manifest else {}
+    return ExperimentSource(name, path, "", {**experiment_of(manifest), **drawn})
 
 
 def experiment_of(manifest: Mapping[str, Any]) -> Mapping[str, Any]:

@@ -3,13 +3,29 @@
 from __future__ import annotations
 
 import re
+from typing import Any
 
+from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.ticker import LogFormatterSciNotation
 
 # Labels of logarithmic axes as matplotlib makes them: a factor, if any, and an exponent.
 _POWER = re.compile(r"^\$\\mathdefault\{(?:(\S+)\\times ?)?10\^\{([-0-9]+)\}\}\$$")
 _RAISED = str.maketrans("-0123456789", "⁻⁰¹²³⁴⁵⁶⁷⁸⁹")
+
+
+class Sheet(Figure):
+    """A figure that is completed at a width of its own, see `pl_mc.report.print_layout.finish`.
+
+    Attributes:
+        keys: what stands in the legend below all panels, by name.
+        named_like: panels that begin another line, each with the one whose name of the vertical axis is theirs too.
+    """
+
+    def __init__(self, *args: Any, **kwargs: Any) -> None:
+        super().__init__(*args, **kwargs)
+        self.keys: dict[str, Any] = {}
+        self.named_like: list[tuple[Axes, Axes]] = []
 
 
 class Undrawn(Figure):

@@ -1,11 +1,10 @@
-"""Figures: one look for all, legible in grey, saved as PNG and SVG with no clock or random name in the file."""
+"""Figures: one look for all, legible in grey, saved as PNG, SVG and PDF with no clock or random name in the file."""
 
 from __future__ import annotations
 
 import functools
 from collections.abc import Callable, Iterable, Sequence
 from concurrent.futures import ThreadPoolExecutor
-from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Literal, ParamSpec
 
@@ -13,54 +12,14 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from pl_mc.alert import EITHER, VERTICAL
+from pl_mc.input_errors import InputError
+from pl_mc.report.look import look_now
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
     from matplotlib.lines import Line2D
     from PIL.Image import Image
-
-_LOOK: Any = {
-    "svg.hashsalt": "pl_mc",
-    "svg.fonttype": "none",
-    # Titles and names are texts of users and data; a dollar in them is a dollar.
-    "text.parse_math": False,
-    "font.size": 9.5,
-    "axes.spines.top": False,
-    "axes.spines.right": False,
-    "axes.grid": True,
-    "grid.color": "0.9",
-    "axes.axisbelow": True,
-    "legend.frameon": False,
-    "legend.fontsize": 8.5,
-    "axes.titlelocation": "left",
-    "axes.titlesize": 10.5,
-}
-
-
-@dataclass(frozen=True)
-class SeriesStyle:
-    """How one method is drawn: a colour, and a line and marker that tell it apart in grey."""
-
-    colour: str
-    line: str
-    marker: str
-
-    @property
-    def look(self) -> dict[str, Any]:
-        """The options of a line in this style."""
-        return {"color": self.colour, "linestyle": self.line, "marker": self.marker}
-
-
-# Okabe and Ito's colours, ordered so that neighbours differ in lightness too.
-_STYLES = (
-    SeriesStyle("#0072B2", "-", "o"),
-    SeriesStyle("#D55E00", "--", "s"),
-    SeriesStyle("#009E73", "-.", "^"),
-    SeriesStyle("#CC79A7", ":", "D"),
-    SeriesStyle("#56B4E9", "-", "v"),
-    SeriesStyle("#E69F00", "--", "P"),
-)
 
 # Lines at values to compare with, thinner than any limit.
 DOTTED: Any = {"color": "0.15", "linewidth": 1.0, "linestyle": ":", "zorder": 1.5}
@@ -70,12 +29,14 @@ DASHED: Any = {"color": "0.15", "linewidth": 1.2, "linestyle": (0, (6, 2)), "zor
 
 _LABELS = {"ls": "least squares (VPL)", "igg3": "IGG-III (VPL_R)"}
 
+# Dots an inch of pictures: for a screen, and in print.
+_DPI, _PRINT_DPI = 150, 300
 
 _Arguments = ParamSpec("_Arguments")
 
 
 def in_common_look(make: Callable[_Arguments, Figure]) -> Callable[_Arguments, Figure]:
-    """Decorator of a function that draws a figure: titles, legends and grids in the common look.
+    """Decorator of a function that draws a figure: in the look that is asked for, see `pl_mc.report.look.drawn_in`.
 
     Where it cannot be drawn, whatever the reason, an `Undrawn` one stands for it: numbers that were counted for hours
     are worth more than their picture.
@@ -85,21 +46,19 @@ def in_common_look(make: Callable[_Arguments, Figure]) -> Callable[_Arguments, F
     def wrapped(*args: _Arguments.args, **kwargs: _Arguments.kwargs) -> Figure:
         import matplotlib as mpl
 
-        from pl_mc.report.artists import Undrawn
+        from pl_mc.report.artists import Sheet, Undrawn
+        from pl_mc.report.print_layout import finish
 
-        with mpl.rc_context(_LOOK):
+        with mpl.rc_context(look_now().settings):
             try:
-                return make(*args, **kwargs)
+                figure = make(*args, **kwargs)
+                if isinstance(figure, Sheet) and look_now().width_in is not None:
+                    finish(figure)
+                return figure
             except Exception as error:
                 return Undrawn(_why(error))
 
     return wrapped
-
-
-def series_style(index: int, further: Sequence[SeriesStyle] = ()) -> SeriesStyle:
-    """The style of the method in that place of a list; ``further`` styles come behind the six common ones."""
-    styles = (*_STYLES, *further)
-    return styles[index % len(styles)]
 
 
 def method_label(name: str, axis: str = VERTICAL) -> str:
@@ -114,18 +73,40 @@ def short_label(name: str) -> str:
 
 
 def new_figure(
-    rows: int, columns: int, *, width_in: float, height_in: float, title: str | None = None, **options: Any
-) -> tuple[Figure, list[Axes]]:
-    """A figure and its axes, row by row; call it inside a function that is `in_common_look`."""
-    from matplotlib.backends.backend_agg import FigureCanvasAgg
-    from matplotlib.figure import Figure
+    rows: int, columns: int, *, width_in: float, height_in: float, title: str | None = None, listed: bool = False,
+    **options: Any,
+) -> tuple[Figure, list[Axes]]:  # fmt: skip
+    """A figure and its axes, row by row; call it inside a function that is `in_common_look`.
 
-    figure = Figure(figsize=(width_in, height_in), layout="constrained")
+    At a width that is asked for columns that find no room go below the others, and heights follow.
+
+    Args:
+        rows, columns: of panels.
+        width_in, height_in: on a screen [in].
+        title: heading on a screen.
+        listed: whether rows of text make up the height, which is then kept.
+        options: those of ``subplots``.
+    """
+    from matplotlib.backends.backend_agg import FigureCanvasAgg
+
+    from pl_mc.report.artists import Sheet
+    from pl_mc.report.print_layout import laid_out
+
+    look = look_now()
+    figure = Sheet(figsize=(width_in, height_in), layout="constrained")
     FigureCanvasAgg(figure)
-    axes = figure.subplots(rows, columns, squeeze=False, **options)
-    if title is not None:
-        figure.suptitle(title, x=0.01, ha="left", fontsize=11)
-    return figure, list(axes.flat)
+    if look.width_in is None:
+        axes = list(figure.subplots(rows, columns, squeeze=False, **options).flat)
+    else:
+        axes = laid_out(figure, rows, columns, look=look, listed=listed, **options)
+    if title is not None and not look.is_print:
+        figure.suptitle(title, x=0.01, ha="left", fontsize=11, wrap=look.width_in is not None)
+    return figure, axes
+
+
+def columns_that_fit(columns: int) -> int:
+    """How many panels, of at most so many, stand side by side in the look that is asked for."""
+    return look_now().columns_that_fit(columns)
 
 
 def bar_lengths(value: ArrayLike, low: ArrayLike, high: ArrayLike) -> NDArray[np.float64]:
@@ -146,15 +127,40 @@ def legend_key(label: str, **look: Any) -> Line2D:
     return Line2D([], [], label=label, **look)
 
 
+def legend_in(panel: Axes, **options: Any) -> None:
+    """The legend of a panel; options are those of ``legend``. In print it stands below all panels."""
+    if look_now().width_in is None:
+        panel.legend(**options)
+    else:
+        _below(panel.get_figure(root=True), [panel])
+
+
 def legend_below(
-    figure: Figure, panels: Iterable[Axes], *, columns: int, side: Literal["left", "center"] = "left"
+    figure: Figure,
+    panels: Iterable[Axes] = (),
+    *,
+    columns: int,
+    side: Literal["left", "center"] = "left",
+    keys: Sequence[Any] = (),
+    **options: Any,
 ) -> None:
-    """One legend below all panels, each name once."""
-    handles = {
-        label: handle for panel in panels for handle, label in zip(*panel.get_legend_handles_labels(), strict=True)
-    }
-    place: Any = f"outside lower {side}"
-    figure.legend(list(handles.values()), list(handles), loc=place, ncols=columns)
+    """One legend below all panels, each name of them once, or of ``keys``; options are those of ``legend``."""
+    handles = _handles(panels) | {key.get_label(): key for key in keys}
+    if look_now().width_in is None:
+        place: Any = f"outside lower {side}"
+        figure.legend(list(handles.values()), list(handles), loc=place, ncols=columns, **options)
+    else:
+        _below(figure, panels, keys)
+
+
+def _handles(panels: Iterable[Axes]) -> dict[str, Any]:
+    return {label: handle for panel in panels for handle, label in zip(*panel.get_legend_handles_labels(), strict=True)}
+
+
+def _below(figure: Any, panels: Iterable[Axes], keys: Sequence[Any] = ()) -> None:
+    """Keep what stands below all panels when the figure is complete."""
+    found = _handles(panels) | {key.get_label(): key for key in keys}
+    figure.keys |= {label: handle for label, handle in found.items() if label not in figure.keys}
 
 
 def limit_line(axes: Axes, value: float, label: str, *, width: float = 1.2, **options: Any) -> None:
@@ -171,7 +177,9 @@ def shade(axes: Axes, windows: Sequence[tuple[float, float]], label: str | None 
 
 
 def save_figure(figure: Figure, folder: Path, name: str) -> str:
-    """``name.svg``, and ``name.png`` in 256 colours: a third of the bytes, and the eye sees no difference.
+    """The files of a figure that the look asks for.
+
+    ``name.png`` has 256 colours: a third of the bytes, and the eye sees no difference.
 
     Returns:
         Why the figure could not be drawn and nothing was written; empty where it was.
@@ -185,46 +193,56 @@ def save_figure(figure: Figure, folder: Path, name: str) -> str:
     except OSError:
         raise
     except Exception as error:
-        for ending in ("svg", "png"):
+        for ending in look_now().endings:
             (folder / f"{name}.{ending}").unlink(missing_ok=True)
         return _why(error)
     return ""
 
 
 def _why(error: Exception) -> str:
+    if isinstance(error, InputError):
+        return str(error).rstrip(".")
     return f"{type(error).__name__}: {' '.join(str(error).split())[:200].rstrip('.')}"
 
 
 def _save(figure: Figure, folder: Path, name: str) -> None:
     import matplotlib as mpl
     from matplotlib.backends.backend_agg import FigureCanvasAgg
+    from matplotlib.backends.backend_pdf import FigureCanvasPdf
     from matplotlib.backends.backend_svg import FigureCanvasSVG
     from matplotlib.ticker import LogFormatter
     from PIL.Image import fromarray
 
     from pl_mc.report.artists import Powers
 
-    with mpl.rc_context(_LOOK):
+    look = look_now()
+    dpi = _PRINT_DPI if look.is_print else _DPI
+    with mpl.rc_context(look.settings):
         for axis in (axis for axes in figure.axes for axis in (axes.xaxis, axes.yaxis)):
             if isinstance(axis.get_major_formatter(), LogFormatter):
                 axis.set_major_formatter(Powers())
             if isinstance(axis.get_minor_formatter(), LogFormatter):
                 axis.set_minor_formatter(Powers(labelOnlyBase=False))
-        # Laid out and drawn once for both; what saves a figure lays it out and draws it twice for each.
-        figure.set_dpi(150)
+        # Laid out and drawn once for all; what saves a figure lays it out and draws it twice for each.
+        figure.set_dpi(dpi)
         canvas = FigureCanvasAgg(figure)
         canvas.draw()
         image = fromarray(np.asarray(canvas.buffer_rgba())).convert("RGB")
         figure.set_layout_engine("none")
-        # Colours are counted and bytes are packed outside Python, while it writes the other file.
+        # Colours are counted and bytes are packed outside Python, while it writes the other files.
         with ThreadPoolExecutor(1) as beside:
-            packed = beside.submit(_save_png, image, folder / f"{name}.png")
-            FigureCanvasSVG(figure).print_svg(folder / f"{name}.svg", metadata={"Date": None, "Creator": None})
-        packed.result()
+            if "png" in look.endings:
+                packed = beside.submit(_save_png, image, folder / f"{name}.png", dpi)
+            if "svg" in look.endings:
+                FigureCanvasSVG(figure).print_svg(folder / f"{name}.svg", metadata={"Date": None, "Creator": None})
+            if "pdf" in look.endings:
+                FigureCanvasPdf(figure).print_pdf(folder / f"{name}.pdf", metadata={"CreationDate": None})
+        if "png" in look.endings:
+            packed.result()
 
 
-def _save_png(image: Image, place: Path) -> None:
+def _save_png(image: Image, place: Path, dpi: int) -> None:
     from PIL.Image import Dither
 
     few = image.quantize(256, dither=Dither.NONE)
-    few.save(place, optimize=True, dpi=(150, 150))
+    few.save(place, optimize=True, dpi=(dpi, dpi))

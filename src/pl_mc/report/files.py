@@ -1,4 +1,4 @@
-"""Findings as files: tables in CSV and Parquet, pictures in PNG and SVG, stored rows, the summary, the document.
+"""Findings as files: tables in CSV and Parquet, pictures, stored rows, the summary, the document.
 
 The summary is Markdown; it is read back where a version stored nothing else.
 """
@@ -9,8 +9,9 @@ import io
 import itertools
 import re
 import shutil
-from collections.abc import Iterable, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 import pandas as pd
 from markdown_it import MarkdownIt
@@ -29,9 +30,13 @@ from pl_mc.report.document import (
 )  # fmt: skip
 from pl_mc.report.figures import save_figure
 from pl_mc.report.findings import Findings, Picture, convergence_note
-from pl_mc.report.run_folder import SUMMARY
+from pl_mc.report.look import USUAL, Look, drawn_in
+from pl_mc.report.run_folder import SUMMARY, StoredTables
 from pl_mc.report.text import markdown_table
 from pl_mc.runtime.whole_files import write_whole
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
 
 # What is only a number says nothing about a picture; powers of ten on an axis are set as mathematics.
 _NUMBER = re.compile(r"(?:[\s\d.,:%+\-−–eE^{}$×]|\\mathdefault|\\times)*")
@@ -48,6 +53,8 @@ def write_findings(
     answer: tuple[str, ...],
     val_m: float | None,
     hal_m: float | None = None,
+    pictures: Callable[[Mapping[str, pd.DataFrame]], Iterable[Picture]] = lambda tables: (),
+    look: Look = USUAL,
 ) -> Document:
     """Write all files of a run but its manifest and page.
 
@@ -55,6 +62,8 @@ def write_findings(
         findings: what was found.
         folder: an empty folder.
         title, kind, question, answer, val_m, hal_m: see `Document`.
+        pictures: makes those of the tables, as they are read back from the folder.
+        look: how pictures are drawn.
 
     Returns:
         The document, which is stored too.
@@ -67,9 +76,8 @@ def write_findings(
         raise ValueError(f"{kind}: two tables have one name ({', '.join(names)})")
     for table in findings.tables:
         write_table(table.data, folder, table.name, stored=table.stored)
-    why = {picture.name: save_figure(picture.figure, folder, picture.name) for picture in findings.pictures}
-    pictures = tuple(picture for picture in findings.pictures if not why[picture.name])
-    undrawn = tuple(f"The figure {name} could not be drawn ({reason})." for name, reason in why.items() if reason)
+    figures, why = write_pictures([*pictures(StoredTables(folder)), *findings.pictures], folder, look, title)
+    undrawn = tuple(f"The figure {name} could not be drawn ({reason})." for name, reason in why.items())
     # Several tables of one geometry say the same of it.
     notes = tuple(dict.fromkeys((*findings.notes, *convergence_note(findings.tables), *undrawn)))
     for name, rows in findings.rows.items():
@@ -80,11 +88,27 @@ def write_findings(
         title=title, kind=kind, question=question, answer=answer, notes=notes, val_m=val_m, hal_m=hal_m,
         summary=tuple(Paragraph(block) if isinstance(block, str) else block for block in findings.summary),
         tables=tuple(TableEntry(table.name, table.chart) for table in findings.tables if table.stored != "parquet"),
-        figures=tuple(_entry(picture, title) for picture in pictures),
+        figures=figures,
     )  # fmt: skip
     write_whole(folder / SUMMARY, to_markdown(title, document.summary, document.notes))
     write_document(document, folder)
     return document
+
+
+def write_pictures(
+    pictures: Iterable[Picture], folder: Path, look: Look, title: str
+) -> tuple[tuple[FigureEntry, ...], dict[str, str]]:
+    """Draw and write pictures: what is said of each, and by name why others could not be drawn."""
+    made, why = [], {}
+    with drawn_in(look):
+        for picture in pictures:
+            figure = picture.figure
+            reason = save_figure(figure, folder, picture.name)
+            if reason:
+                why[picture.name] = reason
+            else:
+                made.append(_entry(picture, figure, title))
+    return tuple(made), why
 
 
 def write_table(table: pd.DataFrame, folder: Path, name: str, *, stored: str = "csv") -> None:
@@ -97,11 +121,11 @@ def write_table(table: pd.DataFrame, folder: Path, name: str, *, stored: str = "
         write_whole(folder / f"{name}.parquet", content.getvalue())
 
 
-def _entry(picture: Picture, title: str) -> FigureEntry:
+def _entry(picture: Picture, figure: Figure, title: str) -> FigureEntry:
     """The caption, and for those who do not see it the words that are drawn: headings, axes, names of curves."""
     from matplotlib.text import Text
 
-    texts = [artist for artist in picture.figure.findobj(Text) if isinstance(artist, Text) and artist.get_visible()]
+    texts = [artist for artist in figure.findobj(Text) if isinstance(artist, Text) and artist.get_visible()]
     words = dict.fromkeys(" ".join(text.get_text().split()) for text in texts)
     drawn = [word for word in words if word != title and not _NUMBER.fullmatch(word)]
     more = f"; and {len(drawn) - _MOST_WORDS} more" if len(drawn) > _MOST_WORDS else ""

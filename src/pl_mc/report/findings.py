@@ -6,11 +6,10 @@ What is charted, and what stands below a picture, is said here by the study and 
 
 from __future__ import annotations
 
-import functools
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import TYPE_CHECKING, Literal, ParamSpec
+from typing import TYPE_CHECKING, Literal
 
 import pandas as pd
 
@@ -20,8 +19,6 @@ from pl_mc.report.figures import in_common_look
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
-
-_Arguments = ParamSpec("_Arguments")
 
 # The events that most readers look for first, in this order.
 FIRST_EVENTS = ("alarm", "misleading", "missed", "exceeded")
@@ -52,30 +49,22 @@ class Table:
 
 @dataclass(frozen=True)
 class Picture:
-    """A drawn figure of a study.
+    """A figure of a study, which is drawn when it is written.
 
     Attributes:
         name: of its files, without ending.
-        figure: what is drawn.
         caption: a sentence that stands below it.
+        draw: what draws it, see `pl_mc.report.figures.new_figure`.
     """
 
     name: str
-    figure: Figure
     caption: str
+    draw: Callable[[], Figure]
 
-
-def picture(name: str, caption: str) -> Callable[[Callable[_Arguments, Figure]], Callable[_Arguments, Picture]]:
-    """Decorator of a function that draws: its figure in the common look, with a name and a caption."""
-
-    def named(draw: Callable[_Arguments, Figure]) -> Callable[_Arguments, Picture]:
-        @functools.wraps(draw)
-        def wrapped(*args: _Arguments.args, **kwargs: _Arguments.kwargs) -> Picture:
-            return Picture(name, in_common_look(draw)(*args, **kwargs), caption)
-
-        return wrapped
-
-    return named
+    @property
+    def figure(self) -> Figure:
+        """The figure, in the look that is asked for."""
+        return in_common_look(self.draw)()
 
 
 @dataclass(frozen=True)
@@ -85,7 +74,7 @@ class Findings:
     Attributes:
         summary: blocks of the summary below its title, see `pl_mc.report.document`; plain text is a paragraph.
         tables: in the order in which the page shows them.
-        pictures: likewise.
+        pictures: those that its tables do not hold all of; they stand behind those that are drawn from the tables.
         notes: sentences about what was left out or chosen.
         rows: folders of stored rows that are kept beside the tables, by the name that they get there.
         texts: further files of text, by their name with ending.

@@ -17,7 +17,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pl_mc.geometry.record import SYSTEM_NAMES, Geometry
-from pl_mc.report.figures import in_common_look, new_figure, note, series_style
+from pl_mc.report.figures import legend_below, new_figure, note
+from pl_mc.report.look import series_style
 from pl_mc.service.sky import WorldGrid
 
 if TYPE_CHECKING:
@@ -51,7 +52,6 @@ def share_scale() -> tuple[Colormap, BoundaryNorm, tuple[float, ...], tuple[str,
     return colours, BoundaryNorm(edges, len(edges) - 1), places, _SHARE_LABELS
 
 
-@in_common_look
 def world_figure(
     grid: WorldGrid,
     panels: Mapping[str, NDArray[np.float64]],
@@ -168,7 +168,6 @@ def _cut(pairs: NDArray[np.float64]) -> list[NDArray[np.float64]]:
     return [part for part in parts if part[0, 1] > _SOUTH_DEG]
 
 
-@in_common_look
 def sky_figure(g: Geometry, *, mask_deg: float, title: str) -> Figure:
     """Azimuth and elevation of every satellite over the epochs, its name where it is at the first epoch in view.
 
@@ -215,5 +214,5 @@ def sky_figure(g: Geometry, *, mask_deg: float, title: str) -> Figure:
     panel.set_rlim(0.0, 90.0)  # type: ignore[attr-defined]
     panel.set_rgrids([0, 15, 30, 45, 60, 75], ["90°", "75°", "60°", "45°", "30°", "15°"], angle=22.5, fontsize=7.5)  # type: ignore[attr-defined]
     panel.set_thetagrids(range(0, 360, 45), ["N", "NE", "E", "SE", "S", "SW", "W", "NW"])  # type: ignore[attr-defined]
-    figure.legend(loc="outside lower center", ncols=max(1, len(letters)))
+    legend_below(figure, [panel], columns=max(1, len(letters)), side="center")
     return figure

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import io
 import re
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -13,6 +13,7 @@ import pandas as pd
 
 from pl_mc.input_errors import InputError, nearest, shown, system_reason
 from pl_mc.report.document import Document, read_document
+from pl_mc.report.look import ENDINGS
 from pl_mc.runtime.small_files import parsed_json, read_bytes, read_text, shown_reason
 
 MANIFEST = "manifest.json"
@@ -23,6 +24,9 @@ _LONGEST_NAME = 200
 
 # Tables of a run have a few megabytes; what is larger than this no page is made of.
 _MOST_TABLE_BYTES = 200_000_000
+
+# Columns of words, of which all may be blank.
+_WORDS = {"warning"}
 
 
 @dataclass(frozen=True)
@@ -83,7 +87,7 @@ def read_run_folder(folder: Path) -> RunFolder:
                 tables[file.stem] = _table(_within(file))
     except OSError as error:
         raise InputError(f"{folder}: its files cannot be read ({system_reason(error)}).") from None
-    figures = {file.stem for ending in ("*.png", "*.svg") for file in folder.glob(ending)}
+    figures = {file.stem for ending in ENDINGS for file in folder.glob(f"*.{ending}")}
     return RunFolder(
         folder=folder,
         name=manifest["name"],
@@ -94,6 +98,45 @@ def read_run_folder(folder: Path) -> RunFolder:
         figures=tuple(sorted(figures)),
         document=read_document(folder),
     )
+
+
+class StoredTables(Mapping[str, pd.DataFrame]):
+    """The tables in a results folder by name, each read when it is first asked for, in its shortest form.
+
+    What reads them always gets the same, whoever wrote them: blank words are empty texts. One that is not there is an
+    `InputError`.
+
+    Args:
+        folder: the folder.
+    """
+
+    def __init__(self, folder: Path) -> None:
+        places = (file for ending in ("csv", "parquet") for file in sorted(folder.glob(f"*.{ending}")))
+        self._files = {file.stem: file for file in places}
+        self._read: dict[str, pd.DataFrame] = {}
+
+    def __getitem__(self, name: str) -> pd.DataFrame:
+        if name not in self._files:
+            raise InputError(f"the table {name} is not in the folder.")
+        if name not in self._read:
+            table = _table(_within(self._files[name]))
+            for column, values in table.items():
+                if values.dtype == object or isinstance(values.dtype, pd.StringDtype):
+                    table[column] = values.fillna("")
+                elif column in _WORDS and values.isna().all():
+                    table[column] = ""
+            self._read[name] = table
+        # What draws may add columns.
+        return self._read[name].copy()
+
+    def __contains__(self, name: object) -> bool:
+        return name in self._files
+
+    def __iter__(self) -> Iterator[str]:
+        return iter(self._files)
+
+    def __len__(self) -> int:
+        return len(self._files)
 
 
 def read_manifest(folder: Path) -> dict[str, Any]:

@@ -9,7 +9,7 @@ import pandas as pd
 from numpy.typing import NDArray
 
 from pl_mc.alert import Judged
-from pl_mc.report.figures import DASHED, in_common_look, method_label, new_figure, note
+from pl_mc.report.figures import DASHED, method_label, new_figure, note
 from pl_mc.report.text import row_rate
 
 if TYPE_CHECKING:
@@ -22,7 +22,6 @@ _MISLEADING, _HAZARDOUS, _UNAVAILABLE = "#FBE7D3", "#F3C6AE", "0.93"
 _COLOURS = "viridis_r"
 
 
-@in_common_look
 def stanford_figure(
     plane: NDArray[np.int64], regions: pd.DataFrame, edges_m: NDArray[np.float64], *, judged: Judged, title: str,
     columns: int = 99, counted: str = "scenarios", named_by: str | None = None,

@@ -12,7 +12,8 @@ from pydantic_core import PydanticCustomError
 from pl_mc.faults import Faults, biases, biases_of_table, fault_label, fault_text, ramps, require_text
 from pl_mc.geometry import Geometry, redundancy_numbers
 from pl_mc.input_errors import InputError
-from pl_mc.studies.spec import Strict, median_redundancy_satellite, require_existing
+from pl_mc.studies.spec import median_redundancy_satellite, require_existing
+from pl_mc.studies.strict import Strict
 
 
 class RampSizes(Strict):

@@ -28,7 +28,8 @@ from pl_mc.kernels.noise import LANES, epoch_key, unit_noise
 from pl_mc.receiver import read_receiver_series, read_truth
 from pl_mc.runtime.precision import dtype_of, precision_scope
 from pl_mc.studies.registry import PACKAGED_FOLDERS
-from pl_mc.studies.spec import ReceiverFiles, SimulatedGeometry, Strict, numbered, satellite_files
+from pl_mc.studies.spec import ReceiverFiles, SimulatedGeometry, numbered, satellite_files
+from pl_mc.studies.strict import Strict
 
 # Names the folder in which the files of receivers are looked for.
 DATA_VARIABLE = "PL_MC_DATA"

@@ -3,10 +3,7 @@
 from __future__ import annotations
 
 import dataclasses
-import datetime
-import math
 import re
-import typing
 from collections.abc import Mapping
 from pathlib import Path
 from typing import Annotated, Any, ClassVar, Literal
@@ -14,12 +11,12 @@ from typing import Annotated, Any, ClassVar, Literal
 import numpy as np
 import pandas as pd
 from numpy.typing import NDArray
-from pydantic import AfterValidator, BaseModel, ConfigDict, Field, ValidationInfo, field_validator, model_validator
+from pydantic import AfterValidator, ConfigDict, Field, ValidationInfo, field_validator, model_validator
 from pydantic_core import PydanticCustomError
 
 from pl_mc.alert import AXES, EITHER, VERTICAL, AlertLimits, Judged, as_alert, as_axes, as_limits, is_operation
 from pl_mc.constants import MOST_SATELLITES
-from pl_mc.engine.checks import LARGEST_DRAWS, LARGEST_SEED
+from pl_mc.engine.checks import LARGEST_SEED
 from pl_mc.error_models import ErrorModel, error_model
 from pl_mc.geometry import Geometry, redundancy_numbers, simulate
 from pl_mc.geometry.record import SYSTEM_NAMES
@@ -27,52 +24,8 @@ from pl_mc.input_errors import InputError, nearest, shown
 from pl_mc.methods import Method, as_methods, method
 from pl_mc.noise_models import NoiseModel, noise_model
 from pl_mc.receiver.truth import is_file
-
-_NUMBERS = (int, float, int | None, float | None)
-
-
-def _is_truth(value: Any) -> bool:
-    return isinstance(value, bool)
-
-
-class Strict(BaseModel):
-    """A record of an experiment file; unknown fields are errors, values do not change."""
-
-    model_config = ConfigDict(extra="forbid", frozen=True)
-
-    @field_validator("*", mode="before")
-    @classmethod
-    def _in_one_form(cls, value: Any, info: ValidationInfo) -> Any:
-        """One rule for numbers, dates and names wherever they stand, that of functions."""
-        field = str(info.field_name)
-        form = cls.model_fields[field].annotation
-        if form in _NUMBERS:
-            if isinstance(value, str | bool):
-                raise PydanticCustomError("number", "a number is needed")
-            counted = form in (int, int | None)
-            most = LARGEST_DRAWS if counted and "draws" in field else 2**63 if counted else 10**300
-            if isinstance(value, int | float) and abs(value) > most and value not in (math.inf, -math.inf):
-                raise PydanticCustomError(
-                    "number", f"a {'whole ' * counted}number of at most {most if counted else 1e300} is needed"
-                )
-        if isinstance(value, list | tuple) and typing.get_origin(form) is tuple and any(map(_is_truth, value)):
-            inner = typing.get_args(form)[0]
-            if inner in _NUMBERS or typing.get_args(inner)[:1] in ((int,), (float,)):
-                raise PydanticCustomError("number", "numbers are needed")
-        if form is str and isinstance(value, datetime.date):
-            return value.isoformat()
-        if isinstance(value, str) and typing.get_origin(form) is tuple:
-            # One name may stand alone, but not several in one word.
-            value = (value,)
-        return value
-
-
-def once(values: tuple[Any, ...]) -> tuple[Any, ...]:
-    """The values of a field in which each may stand once."""
-    twice = next((value for place, value in enumerate(values) if value in values[:place]), None)
-    if twice is not None:
-        raise PydanticCustomError("twice", "{value} stands there twice", {"value": f"{twice:g}"})
-    return values
+from pl_mc.studies.figure_fields import FigureFields
+from pl_mc.studies.strict import Strict
 
 
 class SimulatedGeometry(Strict):
@@ -228,6 +181,8 @@ class Experiment(Strict):
     alert: str | GivenLimits = "LPV-200"
     seed: int = Field(default=20171121, ge=0, le=LARGEST_SEED)
     precision: Literal["float64", "float32"] = "float64"
+    # No matter of numbers: what is stored of an experiment and compared is without it.
+    figures: FigureFields = Field(default=FigureFields(), exclude=True)
 
     @field_validator("precision")
     @classmethod

@@ -12,7 +12,7 @@ from pl_mc.alert import unjudged_note
 from pl_mc.engine import Execution
 from pl_mc.geometry import Geometry
 from pl_mc.input_errors import InputError
-from pl_mc.report.findings import Findings
+from pl_mc.report.findings import Findings, Picture
 from pl_mc.studies.spec import Experiment
 
 # A field, and an act that raises an `InputError` where the field cannot be used.
@@ -53,6 +53,11 @@ def no_checks(record: Any, g: Geometry | None) -> Iterator[Check]:
     yield from ()
 
 
+def no_pictures(tables: Mapping[str, pd.DataFrame], experiment: Any) -> tuple[Picture, ...]:
+    """The pictures of a kind without any."""
+    return ()
+
+
 @dataclass(frozen=True)
 class Study:
     """A kind of experiment.
@@ -63,6 +68,8 @@ class Study:
         run: ``run(experiment, execution)``, the findings; it writes nothing.
         answer: ``answer(tables, experiment)``, the answer in three sentences with numbers, from the tables that the
             page shows, by name.
+        pictures: ``pictures(tables, experiment)``, the figures that are drawn from the stored tables, by name, so that
+            they can be drawn again; a figure whose table is not there says so when it is drawn.
         sweeps: ``sweeps(experiment)``, what of it is cut into parts that can be stored, resumed and shared; None
             where nothing is.
         work: ``work(experiment)``, what a run costs. None where its sweeps are all that costs something.
@@ -78,6 +85,7 @@ class Study:
     question: str | Callable[[Any], str]
     run: Callable[[Any, Execution], Findings]
     answer: Callable[[Mapping[str, pd.DataFrame], Any], tuple[str, ...]]
+    pictures: Callable[[Mapping[str, pd.DataFrame], Any], tuple[Picture, ...]] = no_pictures
     sweeps: Callable[[Any], tuple[Parted, ...]] | None = None
     work: Callable[[Any], Work] | None = None
     beside: Callable[[Any], Work] | None = None

@@ -41,7 +41,7 @@ def told_lines(lines: Sequence[str]) -> str:
     return "\n".join([*lines[:MOST_TOLD], *more])
 
 
-def problems_of(model: type[Experiment], content: Mapping[str, Any]) -> list[FieldProblem]:
+def problems_of(model: type[BaseModel], content: Mapping[str, Any]) -> list[FieldProblem]:
     """Every field that its record refuses, as far as the record alone can tell."""
     problems = [
         FieldProblem(path, f"a finite number is needed, not {value}.")

@@ -24,7 +24,8 @@ from pl_mc.methods import Method, WTest
 from pl_mc.methods.w_test import LOCAL
 from pl_mc.statistics.least_squares import LsQuantities, ls_quantities
 from pl_mc.studies.fault_fields import RampFaults
-from pl_mc.studies.spec import Strict, epochs_at
+from pl_mc.studies.spec import epochs_at
+from pl_mc.studies.strict import Strict
 
 FloatArray = NDArray[np.float64]
 

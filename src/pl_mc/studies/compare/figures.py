@@ -5,17 +5,17 @@ Each comes for the experiment's own geometry, and with a column for each of seve
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 import pandas as pd
 
-from pl_mc.report.figures import bar_lengths, new_figure, note, series_style
-from pl_mc.report.findings import picture
+from pl_mc.report.figures import bar_lengths, legend_in, new_figure, note
+from pl_mc.report.look import SeriesStyle, styles_of
 from pl_mc.report.text import metres, span
 from pl_mc.statistics.intervals import clopper_pearson
-from pl_mc.studies.compare.tables import Comparison, same_curves, short_name
+from pl_mc.studies.compare.tables import Comparison, EqualTables, same_curves, short_name, short_names
 from pl_mc.studies.spec import ByOneAxis
 
 if TYPE_CHECKING:
@@ -27,11 +27,7 @@ _EVENTS = ("alarm", "missed", "misleading")
 _TESTED = ("alarm", "misleading")
 _COLOURS = "viridis_r"
 
-# Curves beyond this number have open markers.
-_STYLES = 6
 
-
-@picture("methods", "Rates of events by method and bias, and availability.")
 def comparison_figure(counted: Comparison, experiment: ByOneAxis) -> Figure:
     """Rates of alarms, missed detections and misleading information, method by bias, and availability.
 
@@ -57,7 +53,6 @@ def comparison_figure(counted: Comparison, experiment: ByOneAxis) -> Figure:
     return figure
 
 
-@picture("methods", "Rates of events by method and bias, and availability.")
 def several_geometries_figure(day: Comparison, experiment: ByOneAxis) -> Figure:
     """Maps of rates, method by bias: a column for each geometry, a row for each event, and availability below."""
     from matplotlib.colors import LogNorm
@@ -90,25 +85,24 @@ def several_geometries_figure(day: Comparison, experiment: ByOneAxis) -> Figure:
     return figure
 
 
-@picture("tests", "Detection rates of the tests at one false-alarm rate.")
-def equal_figure(counted: Comparison, experiment: ByOneAxis) -> Figure:
+def equal_figure(counted: Comparison, equal: Mapping[str, EqualTables], experiment: ByOneAxis) -> Figure:
     """Alarms and misleading information of tests at one false-alarm rate, against the bias, with 95 % intervals.
 
     Methods with the same counts everywhere share one curve. Tests whose measured rate is another one are left out.
     """
-    tables = counted.equal[counted.reference]
+    tables = equal[counted.reference]
     title = f"{experiment.title}: tests at a false-alarm rate of {tables.p_fa:g}"
     figure, panels = new_figure(2, 1, width_in=9.0, height_in=8.0, title=title, sharex=True)
-    unseen = _bound_of_none(int(tables.rates.draws.min()))
+    unseen, styles = _bound_of_none(int(tables.rates.draws.min())), styles_of(short_names(equal))
     for panel, event in zip(panels, _TESTED, strict=True):
-        for number, (names, rows) in enumerate(same_curves(tables.comparable, event).items()):
-            label = ",\n".join(map(short_name, names))
-            _rate_curve(panel, rows, event, number, markersize=4.5, linewidth=1.2, capsize=2, label=label)
+        for names, rows in same_curves(tables.comparable, event).items():
+            label, style = ",\n".join(map(short_name, names)), styles[short_name(names[0])]
+            _rate_curve(panel, rows, event, style, markersize=4.5, linewidth=1.2, capsize=2, label=label)
         panel.axhline(unseen, color="0.55", linewidth=0.8, linestyle=(0, (5, 3)))
         look: Any = {"shift": (0, 2), "ha": "right", "color": "0.35", "xycoords": ("axes fraction", "data")}
         note(panel, "95 % upper bound of none seen", (0.995, unseen), **look)
         panel.set(yscale="log", ylim=(0.3 * unseen, 1.6))
-        panel.legend(loc="center left", bbox_to_anchor=(1.01, 0.5), fontsize=8.0)
+        legend_in(panel, loc="center left", bbox_to_anchor=(1.01, 0.5), fontsize=8.0)
     panels[1].set(xlabel="bias [m]")
     panels[0].axhline(tables.p_fa, color="0.15", linewidth=1.0, linestyle=":")
     panels[0].set_title("P(alarm); dotted: the false-alarm rate")
@@ -116,24 +110,26 @@ def equal_figure(counted: Comparison, experiment: ByOneAxis) -> Figure:
     return figure
 
 
-@picture("tests", "Detection rates of the tests at one false-alarm rate.")
-def several_equal_figure(day: Comparison, experiment: ByOneAxis) -> Figure:
+def several_equal_figure(day: Comparison, equal: Mapping[str, EqualTables], experiment: ByOneAxis) -> Figure:
     """Alarms and misleading information of tests at one false-alarm rate, a column for each geometry."""
-    count, tests, p_fa = len(day.equal), day.tests, day.equal[day.reference].p_fa
+    count, tests, p_fa = len(equal), short_names(equal), equal[day.reference].p_fa
     title = f"{experiment.title}: tests at a false-alarm rate of {p_fa:g}"
     figure, axes = new_figure(
         2, count, width_in=1.0 + 3.0 * count, height_in=7.4, title=title, sharex=True, sharey=True
     )
     shown: dict[str, Any] = {}
-    unseen = _bound_of_none(min(int(tables.rates.draws.min()) for tables in day.equal.values()))
-    for column, (name, tables) in enumerate(day.equal.items()):
+    styles = styles_of(tests)
+    unseen = _bound_of_none(min(int(tables.rates.draws.min()) for tables in equal.values()))
+    for column, (name, tables) in enumerate(equal.items()):
         panels = axes[column::count]
         for panel, event in zip(panels, _TESTED, strict=True):
             for method, rows in tables.comparable.groupby("method", sort=False):
                 place = tests.index(short_name(str(method)))
                 # Curves that lie on each other show through: later ones are smaller.
                 size, width = 6.5 - 0.5 * place, 2.2 - 0.2 * place
-                shown[tests[place]] = _rate_curve(panel, rows, event, place, markersize=size, linewidth=width)
+                shown[tests[place]] = _rate_curve(
+                    panel, rows, event, styles[tests[place]], markersize=size, linewidth=width
+                )
             panel.set(yscale="log", ylim=(0.3 * unseen, 1.6))
         panels[0].axhline(p_fa, color="0.15", linewidth=1.0, linestyle=":")
         panels[0].set_title(_heading(day, name), fontsize=8.5)
@@ -189,12 +185,11 @@ def _rate_map(panel: Axes, rates: pd.DataFrame, event: str, methods: Sequence[st
     panel.set_xticks(range(0, len(faults), step), [f"{size:g}" for size in sizes[::step]])
 
 
-def _rate_curve(panel: Axes, rows: pd.DataFrame, event: str, number: int, **look: Any) -> Any:
-    """Rates of one test with their intervals, where there are any; the number chooses its style."""
-    style = series_style(number)
+def _rate_curve(panel: Axes, rows: pd.DataFrame, event: str, style: SeriesStyle, **look: Any) -> Any:
+    """Rates of one test with their intervals, where there are any."""
     rate = rows[f"{event}_rate"].where(rows[f"{event}_rate"] > 0)
     bars = bar_lengths(rate, rows[f"{event}_low"], rows[f"{event}_high"])
-    look |= style.look | {"markerfacecolor": "white" if number >= _STYLES else style.colour}
+    look |= style.look
     return panel.errorbar(_drawn_bias(rows), rate, yerr=bars, **look)
 
 

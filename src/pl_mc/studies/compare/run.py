@@ -20,13 +20,13 @@ from pl_mc.input_errors import InputError
 from pl_mc.methods import METHODS, Method, as_methods, method
 from pl_mc.report.document import Chart
 from pl_mc.report.findings import Findings, Table, event_quantities
-from pl_mc.studies.compare import figures
 from pl_mc.studies.compare.day import DAY, DayChoice, Place, comparable_elsewhere, further_geometries
 from pl_mc.studies.compare.tables import Comparison, EqualTables, equal_table, fault_free_table, joined, overview_table
 from pl_mc.studies.compare.text import summary
 from pl_mc.studies.fault_fields import RampFaults
 from pl_mc.studies.planned_sweep import PlannedSweep
-from pl_mc.studies.spec import ByOneAxis, MethodChoice, SimulatedGeometry, Strict
+from pl_mc.studies.spec import ByOneAxis, MethodChoice, SimulatedGeometry
+from pl_mc.studies.strict import Strict
 
 # What a reader who ranks methods by level or availability has to know.
 LEVELS_DIFFER = (
@@ -126,8 +126,6 @@ def run(experiment: CompareExperiment, execution: Execution) -> Findings:
     places = experiment.places()
     counted = _count(experiment, places, execution)
     own, several, tests, named = counted.reference, len(places) > 1, counted.equal, experiment.with_axis
-    draw = figures.several_geometries_figure if several else figures.comparison_figure
-    pictures = [draw(counted, experiment)]
     tables = [
         Table("rates", counted.own_rates, _chart("all methods")),
         Table("overview", named(counted.overview if several else counted.own(counted.overview))),
@@ -141,8 +139,6 @@ def run(experiment: CompareExperiment, execution: Execution) -> Findings:
             Table("day_epochs", counted.epochs, stored="parquet"),
         ]
     if tests:
-        draw = figures.several_equal_figure if len(tests) > 1 else figures.equal_figure
-        pictures.append(draw(counted, experiment))
         fits = joined({name: part.tests for name, part in tests.items()})
         tables += [
             Table("equal_rates", tests[own].rates, _chart("tests at one false-alarm rate")),
@@ -155,7 +151,6 @@ def run(experiment: CompareExperiment, execution: Execution) -> Findings:
     return Findings(
         summary=summary(counted, places[0].g, experiment),
         tables=tuple(tables),
-        pictures=tuple(pictures),
         notes=(*experiment.faults.build(places[0].g)[1], LEVELS_DIFFER, *counted.own_rates.attrs["notes"]),
     )
 

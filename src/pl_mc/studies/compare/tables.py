@@ -102,7 +102,7 @@ class Comparison:
     @property
     def tests(self) -> list[str]:
         """Short names of the tests of all geometries, in order."""
-        return list(dict.fromkeys(short_name(name) for part in self.equal.values() for name in part.tests.method))
+        return short_names(self.equal)
 
     def own(self, table: pd.DataFrame) -> pd.DataFrame:
         """The rows of the experiment's own geometry."""
@@ -198,6 +198,11 @@ def short_name(name: str) -> str:
     parts = options.removesuffix(")").split(",")
     kept = [part for part in parts if part and not part.startswith(("p_fa=", "alpha="))]
     return f"{base}({', '.join(kept)})" if kept else base
+
+
+def short_names(equal: Mapping[str, EqualTables]) -> list[str]:
+    """Short names of the tests of all geometries, in order."""
+    return list(dict.fromkeys(short_name(name) for part in equal.values() for name in part.tests.method))
 
 
 def mean_rates(rates: pd.DataFrame, events: Iterable[str]) -> pd.DataFrame:

@@ -7,25 +7,11 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 import pandas as pd
 
-from pl_mc.report.figures import SeriesStyle, legend_below, new_figure, series_style
-from pl_mc.report.findings import picture
+from pl_mc.report.figures import legend_below, new_figure
+from pl_mc.report.look import styles_of
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
-
-# Behind the common six: more methods than elsewhere stand side by side here.
-_FURTHER = (
-    SeriesStyle("#000000", "-", "x"),
-    SeriesStyle("#882255", "--", "*"),
-    SeriesStyle("#44AA99", "-.", "<"),
-    SeriesStyle("#AA4499", ":", ">"),
-    SeriesStyle("#888888", "-", "h"),
-    SeriesStyle("#117733", "--", "X"),
-    SeriesStyle("#332288", "-.", "p"),
-    SeriesStyle("#661100", ":", "d"),
-    SeriesStyle("#999933", "--", "H"),
-    SeriesStyle("#0000AA", "-.", "8"),
-)
 
 # Risks below this, zero among them, stand here.
 _LEAST = 1e-40
@@ -42,10 +28,6 @@ def _panels(skies: list[str], methods: list[str], title: str) -> tuple[Figure, A
     return new_figure(1, len(skies), width_in=3.6 * len(skies) + 1.0, height_in=height, title=title, sharey=True)
 
 
-@picture(
-    "frontier",
-    "Mean level against proven risk, one curve a method along its multiplier; single points are levels without one.",
-)
 def frontier_figure(curves: pd.DataFrame, frontier: pd.DataFrame, *, axis: str, title: str) -> Figure:
     """A panel for each sky; ``curves`` has level and risk by sky, method and factor of the multiplier."""
     skies = list(dict.fromkeys(frontier.sky))
@@ -53,11 +35,11 @@ def frontier_figure(curves: pd.DataFrame, frontier: pd.DataFrame, *, axis: str, 
     figure, axes = _panels(skies, methods, title)
     for panel, sky in zip(axes, skies, strict=True):
         here = frontier[frontier.sky == sky]
-        for k, method in enumerate(methods):
+        for method, style in styles_of(methods).items():
             rows = curves[(curves.sky == sky) & (curves.method == method)].sort_values("level_m")
             if rows.empty:
                 continue
-            look = series_style(k, _FURTHER).look | ({"linestyle": "none"} if len(rows) == 1 else {})
+            look = style.look | ({"linestyle": "none"} if len(rows) == 1 else {})
             panel.plot(rows.level_m, np.maximum(rows.risk, _LEAST), **look, linewidth=1.2, markersize=4.5, label=method)
         allowed = float(here.allowed.mean())
         panel.axhline(allowed, color="0.3", linewidth=1.0, linestyle=(0, (4, 2)), label="allowed")
@@ -71,12 +53,12 @@ def frontier_figure(curves: pd.DataFrame, frontier: pd.DataFrame, *, axis: str, 
     return figure
 
 
-@picture("multipliers", "Share of geometries at which a multiplier of at most K keeps the budget.")
-def multiplier_figure(geometries: pd.DataFrame, multipliers: pd.DataFrame, *, axis: str, title: str) -> Figure:
-    """Distribution of the multiplier of each method over the geometries of each sky."""
+def multiplier_figure(
+    geometries: pd.DataFrame, multipliers: pd.DataFrame, frontier: pd.DataFrame, *, axis: str, title: str
+) -> Figure:
+    """Distribution of the multiplier of each method over the geometries of each sky, methods as in the other figure."""
     skies = list(dict.fromkeys(multipliers.sky))
-    methods = list(dict.fromkeys(multipliers.method))
-    place = {method: k for k, method in enumerate(dict.fromkeys(geometries.method))}
+    methods, styles = list(dict.fromkeys(multipliers.method)), styles_of(frontier.method)
     figure, axes = _panels(skies, methods, title)
     for panel, sky in zip(axes, skies, strict=True):
         for method in methods:
@@ -85,7 +67,7 @@ def multiplier_figure(geometries: pd.DataFrame, multipliers: pd.DataFrame, *, ax
                 continue
             share = np.arange(1, found.size + 1) / found.size
             finite = np.isfinite(found)
-            look = series_style(place[method], _FURTHER).look
+            look = styles[method].look
             every = max(found.size // 8, 1)
             panel.step(
                 found[finite], share[finite], where="post", **look, linewidth=1.2, markersize=4.5, markevery=every,

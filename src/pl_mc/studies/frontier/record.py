@@ -15,7 +15,8 @@ from pl_mc.geometry.gps_time import gps_dates, gps_seconds
 from pl_mc.integrity_risk.given_residuals import RiskBudget
 from pl_mc.integrity_risk.given_residuals.budget import as_budget
 from pl_mc.integrity_risk.given_residuals.truth import Alike, Neighbours, OfNoise, Scaled, Truth
-from pl_mc.studies.spec import ByOneLevel, NoiseChoice, Strict, once
+from pl_mc.studies.spec import ByOneLevel, NoiseChoice
+from pl_mc.studies.strict import Strict, once
 
 WORLD = "world"
 

@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import math
 import zlib
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 from dataclasses import replace
 from functools import partial
 from typing import Any, cast
@@ -25,7 +25,7 @@ from pl_mc.integrity_risk.given_residuals.level_risk import columns
 from pl_mc.integrity_risk.given_residuals.several import PAIRS, sets_of, several
 from pl_mc.methods import Method
 from pl_mc.methods.capabilities import scales_with_k, with_k
-from pl_mc.report.findings import Findings, Table
+from pl_mc.report.findings import Findings, Picture, Table
 from pl_mc.runtime.progress import with_progress
 from pl_mc.runtime.threads import in_order
 from pl_mc.studies.frontier.continuity import continuity_blocks, continuity_table, require_exposure
@@ -112,10 +112,24 @@ def run(experiment: FrontierExperiment, execution: Execution) -> Findings:
         if len(interrupted):
             tables.append(Table("continuity", interrupted))
             blocks = (*blocks, *continuity_blocks(interrupted))
-    pictures = [frontier_figure(curves, frontier, axis=judged.axis, title=experiment.title)]
-    if len(multipliers):
-        pictures.append(multiplier_figure(geometries, multipliers, axis=judged.axis, title=experiment.title))
-    return Findings(summary=blocks, tables=tuple(tables), pictures=tuple(pictures), notes=_notes(geometries))
+    return Findings(summary=blocks, tables=tuple(tables), notes=_notes(geometries))
+
+
+def pictures(stored: Mapping[str, pd.DataFrame], experiment: FrontierExperiment) -> tuple[Picture, ...]:
+    """Level against risk, and multipliers where there are any."""
+    drawn: dict[str, Any] = {"axis": experiment.decides.axis, "title": experiment.title}
+    level = Picture(
+        "frontier",
+        "Mean level against proven risk, one curve a method along its multiplier; single points are levels without "
+        "one.",
+        lambda: frontier_figure(stored["curves"], stored["frontier"], **drawn),
+    )
+    needed = Picture(
+        "multipliers",
+        "Multipliers that keep the budget at each geometry, sorted: the share of geometries whose K is at most this.",
+        lambda: multiplier_figure(stored["geometries"], stored["multipliers"], stored["frontier"], **drawn),
+    )
+    return (level, needed) if "multipliers" in stored else (level,)
 
 
 def at_geometry(

@@ -11,8 +11,8 @@ from numpy.typing import NDArray
 
 from pl_mc.engine.detect_runs import EQUAL_P_FA, LEVELS, NOMINAL
 from pl_mc.geometry.record import SYSTEM_NAMES
-from pl_mc.report.figures import SeriesStyle, in_common_look, legend_below, new_figure, series_style
-from pl_mc.report.findings import picture
+from pl_mc.report.figures import legend_below, legend_in, new_figure
+from pl_mc.report.look import series_style, styles_of
 from pl_mc.report.text import percent
 from pl_mc.studies.guo.paper import LETTERS, paper_rate
 
@@ -23,8 +23,6 @@ FloatArray = NDArray[np.float64]
 
 # Figure 1 of the paper [m^2].
 _PAPER_VARIANCES_M2 = {"G": 2.41, "C": 4.44}
-# Where the six common styles do not suffice.
-_MORE = (SeriesStyle("#000000", ":", "X"), SeriesStyle("0.5", "-.", "*"))
 # Between the rates of two biases of one reading.
 _STEP = 0.22
 
@@ -34,7 +32,6 @@ def test_label(test: str, reading: str) -> str:
     return f"{LETTERS[test]} ({reading})"
 
 
-@picture("fig1_residuals", "Pseudorange errors, how often which, by system.")
 def residual_figure(by_system: Mapping[str, tuple[FloatArray, FloatArray]], *, title: str) -> Figure:
     """Figure 1: residuals without a fault, with the normal density of the a-priori variance.
 
@@ -60,13 +57,12 @@ def residual_figure(by_system: Mapping[str, tuple[FloatArray, FloatArray]], *, t
         beyond = "" if inside.all() else f"; {np.mean(~inside):.2g} of all are beyond"
         panel.set_title(f"{SYSTEM_NAMES[letter]} (paper: {_PAPER_VARIANCES_M2[letter]} m²)")
         panel.set_xlabel(f"residual [m]{beyond}")
-        panel.legend(loc="upper left")
+        legend_in(panel, loc="upper left")
     # Room for the legends above the densities of both.
     axes[0].set(ylabel="density [1/m]", ylim=(0, 1.3 * axes[0].get_ylim()[1]))
     return figure
 
 
-@picture("fig2_satellites", "Satellites in view over the epochs.")
 def satellites_figure(
     epoch: NDArray[np.int64], counts: Mapping[str, NDArray[np.int64]], pdop: FloatArray, *, title: str
 ) -> Figure:
@@ -80,13 +76,12 @@ def satellites_figure(
         top.step(epoch, count, where="mid", color=series_style(k).colour, linewidth=1.1, label=label)
     top.yaxis.set_major_locator(MaxNLocator(integer=True))
     top.set(ylabel="satellites in view", ylim=(0, max(int(c.max()) for c in counts.values()) * 1.3))
-    top.legend(loc="upper right", ncols=2)
+    legend_in(top, loc="upper right", ncols=2)
     bottom.plot(epoch, pdop, color="0.25", linewidth=1.0)
     bottom.set(ylabel="PDOP", xlabel="epoch", ylim=(0, None))
     return figure
 
 
-@in_common_look
 def statistic_figure(epochs: pd.DataFrame, *, biases_m: Sequence[float], title: str) -> Figure:
     """Figures 3, 4 and 5: a statistic over the epochs, one panel per bias, with both thresholds.
 
@@ -113,12 +108,11 @@ def statistic_figure(epochs: pd.DataFrame, *, biases_m: Sequence[float], title: 
             f"({percent(group.detected.mean())} %)"
         )
         panel.set_ylabel(LETTERS[test])
-    axes[0].legend(loc="upper right", ncols=2)
+    legend_in(axes[0], loc="upper right", ncols=2)
     axes[-1].set_xlabel("epoch")
     return figure
 
 
-@picture("detection", "Detection rates by test and bias, with 95 % intervals.")
 def detection_figure(detection: pd.DataFrame, *, title: str) -> Figure:
     """Table 1 as points: detection rates by reading and bias, at both levels, with the paper's marks.
 
@@ -155,7 +149,6 @@ def detection_figure(detection: pd.DataFrame, *, title: str) -> Figure:
     return figure
 
 
-@picture("power", "Detection rate of each test against the bias.")
 def power_figure(power: pd.DataFrame, reliable: pd.DataFrame, *, title: str) -> Figure:
     """Detection of the least detectable BeiDou satellite of one epoch against the bias, nominal and at equal P_FA.
 
@@ -170,10 +163,13 @@ def power_figure(power: pd.DataFrame, reliable: pd.DataFrame, *, title: str) -> 
     figure, axes = new_figure(1, 2, width_in=10.5, height_in=5.2, title=heading, sharey=True)
     chosen = power[power.satellite.isin(["", name])].sort_values("bias_m", kind="stable")
     equal = f"equal false-alarm rates ({100 * chosen.p_fa_nominal.iloc[0]:g} %)"
+    keys = chosen[["test", "reading"]].drop_duplicates().itertuples(index=False)
+    styles = styles_of(test_label(*key) for key in keys)
     for panel, level in zip(axes, LEVELS, strict=True):
         groups = chosen[chosen.level == level].groupby(["test", "reading"], sort=False)
-        for k, ((test, reading), group) in enumerate(groups):
-            label, style = test_label(str(test), str(reading)), series_style(k, _MORE)
+        for (test, reading), group in groups:
+            label = test_label(str(test), str(reading))
+            style = styles[label]
             if group.detections.sum():
                 rate, look = group.detection_rate, style.look | {"markersize": 3.5, "linewidth": 1.1}
                 panel.fill_between(group.bias_m, group.low, group.high, color=style.colour, alpha=0.25, linewidth=0)
@@ -184,12 +180,11 @@ def power_figure(power: pd.DataFrame, reliable: pd.DataFrame, *, title: str) -> 
                 panel.plot(group.bias_m, group.exact_rate, color="0.1", linewidth=0.8, label="F (apriori), exact")
         panel.set(xlabel="bias [m]", ylim=(-0.02, 1.02))
         panel.set_title("nominal thresholds (false-alarm rates differ)" if level == NOMINAL else equal)
-        panel.legend(loc="lower right", frameon=True, framealpha=0.9, edgecolor="none", fontsize=8)
+        legend_in(panel, loc="lower right", frameon=True, framealpha=0.9, edgecolor="none", fontsize=8)
     axes[0].set_ylabel("detection rate, with 95 % bounds")
     return figure
 
 
-@picture("power_satellites", "Detection rate by satellite and bias.")
 def satellite_power_figure(power: pd.DataFrame, reliable: pd.DataFrame, *, title: str) -> Figure:
     """Every satellite of one epoch at equal false-alarm rates: a map for each reading of satellite against bias.
 

@@ -19,18 +19,17 @@ from pl_mc.detectors import Detector, as_detectors, detector
 from pl_mc.engine import Execution
 from pl_mc.engine.detect_runs import LEVELS, NOMINAL
 from pl_mc.faults import ramps
-from pl_mc.geometry import Geometry, dops
+from pl_mc.geometry import Geometry
 from pl_mc.input_errors import InputError
 from pl_mc.report.document import Chart, Quantity, Summary, TextTable
-from pl_mc.report.findings import Findings, Picture, Table
+from pl_mc.report.findings import Findings, Table
 from pl_mc.report.text import percent, rate_text, row_rate
-from pl_mc.statistics.least_squares import ls_quantities
 from pl_mc.statistics.reliability import least_detectable, reliability
-from pl_mc.studies.guo import figures
 from pl_mc.studies.guo.paper import LETTERS, closest, hypothesis_table, paper_rate, variance_factors
-from pl_mc.studies.guo.series import Day, GuoSeries, day_of_detections, power_table
+from pl_mc.studies.guo.series import GuoSeries, day_of_detections, power_table
 from pl_mc.studies.sources import AnySource, ReceiverSource, Series, expected_epochs
-from pl_mc.studies.spec import Experiment, NamedChoice, Strict, epochs_at
+from pl_mc.studies.spec import Experiment, NamedChoice, epochs_at
+from pl_mc.studies.strict import Strict
 from pl_mc.studies.study import Work
 
 # Statistics a second, from the seconds of manifests of shipped experiments, on two cores.
@@ -116,18 +115,7 @@ class GuoExperiment(Experiment):
 def run(experiment: GuoExperiment, execution: Execution) -> Findings:
     """Detection over the series and at one epoch, the paper's table beside it, figures 1-5 with more."""
     tests = experiment.test_records()
-    loaded = experiment.source.series(draws=1, seed=experiment.seed, precision=experiment.precision)
-    g, errors_m = without_satellites(loaded, experiment.without)
-    row = least_detectable(g, system=experiment.system)
-    kept = np.flatnonzero(row >= 0)
-    if not kept.size:
-        raise InputError(f"system: {experiment.system!r} has no satellite that the others check, at any epoch.")
-    left_out = f"{row.size - kept.size} of {row.size} epochs are left out: no satellite of {experiment.system}"
-    skipped = [f"{left_out} is checked by others."] if kept.size < row.size else []
-    series = GuoSeries(
-        epochs_at(g, kept), errors_m[kept], row[kept], (0.0, *experiment.biases_m),
-        real=isinstance(experiment.source, ReceiverSource),
-    )  # fmt: skip
+    g, series, notes = series_of(experiment)
     options: dict[str, Any] = {name: getattr(experiment, name) for name in ("p_fa", "seed", "precision")}
     options["progress"] = execution.progress
     draws = {"draws": experiment.draws, "calibration_draws": experiment.calibration_draws}
@@ -153,9 +141,25 @@ def run(experiment: GuoExperiment, execution: Execution) -> Findings:
             Table("reliability", reliable),
             Table("variance_factor", variance_factors(series.geometry, series.faulted_row, experiment.p_fa)),
         ),
-        pictures=_pictures(experiment, series, day, power, reliable),
-        notes=(*loaded.notes, *skipped, *day.notes, *experiment.remarks),
+        notes=(*notes, *day.notes, *experiment.remarks),
     )
+
+
+def series_of(experiment: GuoExperiment) -> tuple[Geometry, GuoSeries, tuple[str, ...]]:
+    """The series, that of its epochs at which a satellite is biased, and sentences about what was left out."""
+    loaded = experiment.source.series(draws=1, seed=experiment.seed, precision=experiment.precision)
+    g, errors_m = without_satellites(loaded, experiment.without)
+    row = least_detectable(g, system=experiment.system)
+    kept = np.flatnonzero(row >= 0)
+    if not kept.size:
+        raise InputError(f"system: {experiment.system!r} has no satellite that the others check, at any epoch.")
+    left_out = f"{row.size - kept.size} of {row.size} epochs are left out: no satellite of {experiment.system}"
+    skipped = [f"{left_out} is checked by others."] if kept.size < row.size else []
+    series = GuoSeries(
+        epochs_at(g, kept), errors_m[kept], row[kept], (0.0, *experiment.biases_m),
+        real=isinstance(experiment.source, ReceiverSource),
+    )  # fmt: skip
+    return g, series, (*loaded.notes, *skipped)
 
 
 def work(experiment: GuoExperiment) -> Work:
@@ -195,40 +199,6 @@ def without_satellites(series: Series, names: tuple[str, ...]) -> tuple[Geometry
 def _chart(what: str, *menus: str) -> Chart:
     rate = Quantity("detection", "detection_rate", "low", "high", "detections")
     return Chart(f"Detection against the bias, {what}", ("test", "reading"), (rate,), ("level", *menus))
-
-
-def _pictures(
-    experiment: GuoExperiment, series: GuoSeries, day: Day, power: pd.DataFrame, reliable: pd.DataFrame
-) -> tuple[Picture, ...]:
-    """The paper's figures 1-5 and those of detection rates."""
-    g, title = series.geometry, experiment.title
-    basis = ls_quantities(g).basis
-    scaled = np.where(g.in_view, series.errors_m / g.sigma_m, 0.0)
-    fitted = np.einsum("enk,ek->en", basis, np.einsum("enk,en->ek", basis, scaled))
-    residuals_m = (fitted - scaled) * g.sigma_m
-    letters = np.array(g.systems)[g.satellite]
-    rows = {letter: g.in_view & (letters == letter) for letter in ("G", "C")}
-    by_system = {letter: (residuals_m[own], g.sigma_m[own]) for letter, own in rows.items()}
-    counts = {letter: own.sum(axis=1) for letter, own in rows.items()}
-    statistics = []
-    for name, test, sizes in (
-        ("fig3_t", "mean_check", (0.0,)),
-        ("fig4_t", "mean_check", experiment.biases_m),
-        ("fig5_f", "chi2", experiment.biases_m),
-    ):
-        of_test = day.epochs[day.epochs.test == test]
-        if len(of_test):
-            first = of_test[of_test.reading == of_test.reading.iloc[0]]
-            figure = figures.statistic_figure(first, biases_m=sizes, title=title)
-            statistics.append(Picture(name, figure, "A test's statistic and its threshold over the epochs."))
-    return (
-        figures.detection_figure(day.detection, title=title),
-        figures.residual_figure(by_system, title=title),
-        figures.satellites_figure(g.epoch, counts, dops(g).pdop, title=title),
-        *statistics,
-        figures.power_figure(power, reliable, title=title),
-        figures.satellite_power_figure(power, reliable, title=title),
-    )
 
 
 def summary(experiment: GuoExperiment, series: GuoSeries, detection: pd.DataFrame, hypotheses: pd.DataFrame) -> Summary:

@@ -8,8 +8,8 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 import pandas as pd
 
-from pl_mc.report.figures import DASHED, bar_lengths, legend_key, method_label, new_figure, note, series_style
-from pl_mc.report.findings import picture
+from pl_mc.report.figures import DASHED, bar_lengths, legend_below, legend_key, method_label, new_figure, note
+from pl_mc.report.look import SeriesStyle, styles_of
 from pl_mc.studies.spec import ByOneAxis
 
 if TYPE_CHECKING:
@@ -35,7 +35,6 @@ def assumed_share(rows: pd.DataFrame, assumed: int) -> float:
     return -float(np.expm1(assumed * np.log1p(-rate))) if rate < 1.0 else 1.0
 
 
-@picture("noise_models", "Rates of events under each model of the noise, beside Gaussian noise.")
 def noise_figure(factors: pd.DataFrame, experiment: ByOneAxis) -> Figure:
     """Rates of alarms and misleading information, a line per noise model, panels per event and first three faults.
 
@@ -50,12 +49,12 @@ def noise_figure(factors: pd.DataFrame, experiment: ByOneAxis) -> Figure:
         len(_HEADINGS), len(faults), width_in=3.2 * len(faults) + 3.4,
         height_in=len(_HEADINGS) * (0.9 + 0.42 * len(noises)) + 0.9, title=experiment.title, sharey=True,
     )  # fmt: skip
-    judged = experiment.decides
+    judged, styles = experiment.decides, styles_of(methods)
     for row, (event, heading) in enumerate(_HEADINGS.items()):
         for panel, fault in zip(axes[row * len(faults) :], faults, strict=False):
             here = factors[(factors.event == event) & (factors.fault == fault)]
-            for number, method in enumerate(methods):
-                _draw(panel, here[here.method == method], number, len(methods))
+            for number, (method, style) in enumerate(styles.items()):
+                _draw(panel, here[here.method == method], style, (number - (len(methods) - 1) / 2.0) * 0.22)
             panel.set_title(f"{fault_words(fault)}: {heading.format(limits=judged.limits())}", fontsize=9.0)
             panel.set(xscale="log", ylim=(len(noises) - 0.5, -0.5))
             low, high = panel.get_xlim()
@@ -66,20 +65,19 @@ def noise_figure(factors: pd.DataFrame, experiment: ByOneAxis) -> Figure:
             panel.grid(axis="y", visible=False)
             for edge in range(1, len(noises)):
                 panel.axhline(edge - 0.5, color="0.9", linewidth=0.8, zorder=0.5)
-    styles = [(series_style(number), method_label(method, judged.axis)) for number, method in enumerate(methods)]
+    keys = {method_label(method, judged.axis): style for method, style in styles.items()}
     handles = [
-        *(legend_key(label, color=style.colour, marker=style.marker, markersize=5) for style, label in styles),
+        *(legend_key(label, color=style.colour, marker=style.marker, markersize=5) for label, style in keys.items()),
         legend_key("none seen: upper bound", color="0.3", marker="<", markerfacecolor="none", linestyle=""),
         legend_key("gaussian (lines)", color="0.3", linewidth=0.9),
     ]
-    figure.legend(handles=handles, loc="outside lower center", ncols=len(handles))
+    legend_below(figure, columns=len(handles), side="center", keys=handles)
     return figure
 
 
-def _draw(panel: Axes, rows: pd.DataFrame, number: int, methods: int) -> None:
+def _draw(panel: Axes, rows: pd.DataFrame, style: SeriesStyle, shift: float) -> None:
     """One method in one panel."""
-    style = series_style(number)
-    place = np.arange(len(rows)) + (number - (methods - 1) / 2.0) * 0.22
+    place = np.arange(len(rows)) + shift
     rate, low, high = (rows[column].to_numpy() for column in ("rate", "low", "high"))
     seen = rate > 0
     reference = float(rows["gaussian_rate"].iloc[0])
@@ -98,7 +96,6 @@ def _spaced(name: str) -> str:
     return "\n".join([base.replace("_", " "), *lines])
 
 
-@picture("exposures", "How often an event happens at least once in an exposure, by the correlation of its errors.")
 def exposure_figure(exposures: pd.DataFrame, *, event: str, assumed: int, axis: str, title: str) -> Figure:
     """The share of exposures with an event, and the independent samples that would give it, against tau.
 
@@ -115,8 +112,8 @@ def exposure_figure(exposures: pd.DataFrame, *, event: str, assumed: int, axis: 
     for column, fault in enumerate(faults):
         upper, lower = axes[column :: len(faults)]
         of_fault = chosen[chosen.fault == fault]
-        for number, method in enumerate(methods):
-            _draw_exposures(upper, lower, of_fault[of_fault.method == method], number, least, assumed, axis)
+        for method, style in styles_of(methods).items():
+            _draw_exposures(upper, lower, of_fault[of_fault.method == method], style, least, assumed, axis)
         # The limits are given, since a panel in which nothing was seen has no points to take them from.
         upper.set(xscale="log", xlim=(least / 4.0, 1.5 * max(float(chosen.tau_s.max()), least)))
         # Where the event was never seen there is nothing that a logarithmic axis could show.
@@ -130,15 +127,14 @@ def exposure_figure(exposures: pd.DataFrame, *, event: str, assumed: int, axis: 
         note(lower, f"assumed in a budget: {assumed}", (0.01, assumed), shift=(0, -3), **look)
     dotted = legend_key(f"{assumed} independent samples", color="0.3", linewidth=1.0, linestyle=_DOTS)
     handles = [*axes[0].get_legend_handles_labels()[0], dotted]
-    figure.legend(handles=handles, loc="outside lower center", ncols=len(methods) + 1)
+    legend_below(figure, columns=len(methods) + 1, side="center", keys=handles)
     return figure
 
 
 def _draw_exposures(
-    upper: Axes, lower: Axes, rows: pd.DataFrame, number: int, least: float, assumed: int, axis: str
+    upper: Axes, lower: Axes, rows: pd.DataFrame, style: SeriesStyle, least: float, assumed: int, axis: str
 ) -> None:
     """One method under one fault: shares above, numbers of independent samples below."""
-    style = series_style(number)
     tau = np.where(rows.tau_s > 0, rows.tau_s, least / 3.0)
     seen = (rows.exposures_with > 0).to_numpy()
     label = method_label(str(rows.method.iloc[0]), axis)

@@ -26,7 +26,7 @@ from pl_mc.methods import Ls, Method
 from pl_mc.noise_models import GAUSSIAN, NoiseModel
 from pl_mc.report.document import Chart, Heading, Quantity, Summary, TextTable
 from pl_mc.report.figures import method_label
-from pl_mc.report.findings import Findings, Table, event_quantities
+from pl_mc.report.findings import Findings, Picture, Table, event_quantities
 from pl_mc.report.text import ANSWERED, event_text, listed, method_key, metres, percent, rate_text
 from pl_mc.runtime.progress import with_progress
 from pl_mc.runtime.threads import in_order
@@ -34,7 +34,8 @@ from pl_mc.statistics.exact import ls_rates
 from pl_mc.statistics.least_squares import ls_quantities
 from pl_mc.studies.noise.figures import assumed_share, exposure_figure, fault_words, noise_figure
 from pl_mc.studies.planned_sweep import PlannedSweep
-from pl_mc.studies.spec import ByOneAxis, NoiseChoice, SimulatedGeometry, Strict
+from pl_mc.studies.spec import ByOneAxis, NoiseChoice, SimulatedGeometry
+from pl_mc.studies.strict import Strict
 from pl_mc.studies.study import Check, Work
 
 COMPARED = ("alarm", "misleading", "missed")
@@ -198,14 +199,27 @@ def run(experiment: NoiseExperiment, execution: Execution) -> Findings:
             progress=execution.progress,
         ),
     }  # fmt: skip
-    drawn: Any = {"event": given.event, "assumed": given.assumed_samples, "axis": judged.axis}
-    drawn["title"] = experiment.title
     return Findings(
         summary=summary(experiment, g, tables),
         tables=tuple(Table(name, table, _CHARTS.get(name)) for name, table in tables.items()),
-        pictures=(noise_figure(tables["factors"], experiment), exposure_figure(tables["exposures"], **drawn)),
         notes=g.notes,
     )
+
+
+def pictures(stored: Mapping[str, pd.DataFrame], experiment: NoiseExperiment) -> tuple[Picture, ...]:
+    """Rates under each noise model, and exposures."""
+    given = experiment.exposure
+    drawn: Any = {"event": given.event, "assumed": given.assumed_samples, "axis": experiment.decides.axis}
+    return (
+        Picture(
+            "noise_models", "Rates of events under each model of the noise, beside Gaussian noise.",
+            lambda: noise_figure(stored["factors"], experiment),
+        ),
+        Picture(
+            "exposures", "How often an event happens at least once in an exposure, by the correlation of its errors.",
+            lambda: exposure_figure(stored["exposures"], title=experiment.title, **drawn),
+        ),
+    )  # fmt: skip
 
 
 def _asked(experiment: NoiseExperiment) -> str | None:

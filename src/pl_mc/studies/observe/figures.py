@@ -8,8 +8,8 @@ import numpy as np
 import pandas as pd
 
 from pl_mc.alert import Judged
-from pl_mc.report.figures import legend_below, limit_line, method_label, new_figure, series_style, shade
-from pl_mc.report.findings import picture
+from pl_mc.report.figures import legend_below, limit_line, method_label, new_figure, shade
+from pl_mc.report.look import styles_of
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -24,7 +24,6 @@ _LINEAR_UP_TO = 4.0
 _DASHES: tuple[Any, ...] = ((0, (2, 1)), (0, (6, 2)), (0, (1, 1.5)), (0, (6, 1.5, 1, 1.5)))
 
 
-@picture("epochs", "Position errors and protection levels over time.")
 def error_figure(table: pd.DataFrame, *, judged: Judged, title: str) -> Figure:
     """East, north and up errors and levels against time, method by method, faulted epochs shaded.
 
@@ -33,7 +32,7 @@ def error_figure(table: pd.DataFrame, *, judged: Judged, title: str) -> Figure:
     """
     panels = 3 + len(judged.levels)
     figure, axes = new_figure(panels, 1, width_in=8.0, height_in=2.25 * panels, title=title, sharex=True)
-    windows, step = faulted_windows(table), longest_step(table)
+    windows, step, styles = faulted_windows(table), longest_step(table), styles_of(table.method)
     labels = {"east_m": "east error", "north_m": "north error", "up_m": "up error"}
     labels |= {f"{pl}_m": name for pl, name, _ in judged.levels}
     for panel, (column, label) in zip(axes, labels.items(), strict=True):
@@ -45,7 +44,7 @@ def error_figure(table: pd.DataFrame, *, judged: Judged, title: str) -> Figure:
             parts = (group.time.diff() > step).cumsum()
             for j, (_, part) in enumerate(group.groupby(parts)):
                 panel.plot(
-                    part.time, part[column], linestyle=line, color=series_style(k).colour, linewidth=width,
+                    part.time, part[column], linestyle=line, color=styles[str(method)].colour, linewidth=width,
                     alpha=alpha, label=method_label(str(method), judged.axis) if j == 0 else None,
                     marker="." if len(part) < _FEW_EPOCHS else None,
                 )  # fmt: skip

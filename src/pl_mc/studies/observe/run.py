@@ -21,9 +21,8 @@ from pl_mc.report.findings import Findings, Table
 from pl_mc.runtime.progress import progress_bar
 from pl_mc.studies.observe.claims import read_all
 from pl_mc.studies.observe.course import course_table
-from pl_mc.studies.observe.figures import error_figure
 from pl_mc.studies.observe.record import ObserveExperiment
-from pl_mc.studies.observe.sky_figures import all_pictures
+from pl_mc.studies.observe.sky_figures import pictures_of_files
 from pl_mc.studies.observe.stanford import stanford_table
 from pl_mc.studies.observe.text import summary
 from pl_mc.studies.spec import numbered
@@ -32,13 +31,13 @@ from pl_mc.studies.study import Check, Work, refuse
 # A day with an epoch every 30 s takes less than a series of it, which is solved 42 times [s].
 _SECONDS_A_DAY = 1.2
 
-# Of the progress that is shown: files, methods, counts, figures.
-_STEPS = 4
+# Of the progress that is shown: files, methods, counts.
+_STEPS = 3
 
 
 def run(experiment: ObserveExperiment, execution: Execution) -> Findings:
     """Every epoch by every method, and the errors over the epochs."""
-    with progress_bar(total=_STEPS, what="Read, solve, count, draw", show=execution.progress) as advance:
+    with progress_bar(total=_STEPS, what="Read, solve, count", show=execution.progress) as advance:
         return _run(experiment, advance)
 
 
@@ -73,16 +72,16 @@ def _run(experiment: ObserveExperiment, advance: Callable[[], None]) -> Findings
     coverage = pd.DataFrame([row for one in claims for row in one.coverage(g)])
     advance()
     errors = series.residuals()
-    pictures = all_pictures(g, table, stanford, errors, series.truth_m, judged, experiment.title)
-    advance()
-    del table["rejected"]
+    pictures = pictures_of_files(g, table, errors, series.truth_m, experiment.title)
+    if not table.rejected.any():
+        del table["rejected"]
     experiment.with_axis(table)
     counted = [Table("stanford", stanford), *([Table("coverage", coverage)] if len(coverage) else [])]
     residuals = [Table("residuals", errors, stored="parquet")] if experiment.residuals else []
     return Findings(
         summary=summary(experiment, table, injected, series.signals, claims, stanford, coverage),
         tables=(Table("epochs", table, stored="both"), course_table(table), *counted, *residuals),
-        pictures=(error_figure(table, judged=judged, title=experiment.title), *pictures),
+        pictures=pictures,
         notes=(*truth.notes, *series.notes, *notes, *(note for one in claims for note in one.notes)),
     )
 

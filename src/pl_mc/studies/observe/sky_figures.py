@@ -2,22 +2,25 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping
+from functools import partial
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 import pandas as pd
 
-from pl_mc.alert import EITHER, AlertLimits, Judged, judged_by
+from pl_mc.alert import EITHER, Judged, judged_by
 from pl_mc.engine.stanford import MISLEADING, REGIONS
 from pl_mc.geometry import Geometry
 from pl_mc.geometry.frames import enu_rotation, geodetic
 from pl_mc.geometry.gps_time import gps_dates
 from pl_mc.geometry.record import SYSTEM_NAMES
-from pl_mc.report.figures import legend_below, new_figure, series_style, shade, short_label
-from pl_mc.report.findings import Picture, picture
+from pl_mc.report.figures import legend_below, legend_in, new_figure, shade, short_label
+from pl_mc.report.findings import Picture
+from pl_mc.report.look import series_style, styles_of
 from pl_mc.report.stanford import stanford_figure
-from pl_mc.studies.observe.figures import faulted_windows, longest_step, time_axis
+from pl_mc.studies.observe.figures import error_figure, faulted_windows, longest_step, time_axis
+from pl_mc.studies.observe.record import ObserveExperiment
 from pl_mc.studies.observe.stanford import regions_of, sizes_m
 
 if TYPE_CHECKING:
@@ -33,30 +36,20 @@ _MOST_POINTS = 4000
 _MOVES_M = 10.0
 
 
-def stanford_pictures(table: pd.DataFrame, stanford: pd.DataFrame, alert: AlertLimits, title: str) -> list[Picture]:
-    """A diagram for each axis that has a limit, a panel for each method with levels; ``table`` has ``rejected``."""
-    made = []
-    for axis, limit_m in alert.limit_m.items():
-        judged = Judged(alert, axis)
-        counted = stanford[stanford.axis == axis].rename(columns={"epochs": "scenarios"})
-        methods = list(dict.fromkeys(counted.method))
-        if not methods:
-            continue
-        # Round cells, tens of them.
-        lengths = np.outer(10.0 ** np.arange(-6, 9), [1.0, 2.0, 5.0]).ravel()
-        cell_m = lengths[np.searchsorted(lengths, _BEYOND_LIMIT * limit_m / _MOST_CELLS)]
-        cells = 10 * int(np.ceil(_BEYOND_LIMIT * limit_m / cell_m / 10.0))
-        edges_m = np.append(cell_m * np.arange(cells + 1), np.inf)
-        plane = np.stack([_plane(table[table.method == name], judged, edges_m) for name in methods])
-        figure = stanford_figure(
-            plane, counted, edges_m, judged=judged, title=title, columns=2, counted="epochs", named_by=EITHER
-        )  # fmt: skip
-        caption = (
-            f"{axis.capitalize()} error against {axis} protection level, number of epochs in each cell; those that a "
-            "method's own test rejects are not in it."
-        )
-        made.append(Picture(f"stanford_{axis}", figure, caption))
-    return made
+def stanford_axis_figure(table: pd.DataFrame, stanford: pd.DataFrame, judged: Judged, title: str) -> Figure:
+    """The diagram of an axis, a panel for each method with levels; ``table`` has ``rejected``."""
+    ((_, _, limit_m),) = judged.levels
+    counted = stanford[stanford.axis == judged.axis].rename(columns={"epochs": "scenarios"})
+    # Round cells, tens of them.
+    lengths = np.outer(10.0 ** np.arange(-6, 9), [1.0, 2.0, 5.0]).ravel()
+    cell_m = lengths[np.searchsorted(lengths, _BEYOND_LIMIT * limit_m / _MOST_CELLS)]
+    cells = 10 * int(np.ceil(_BEYOND_LIMIT * limit_m / cell_m / 10.0))
+    edges_m = np.append(cell_m * np.arange(cells + 1), np.inf)
+    methods = dict.fromkeys(counted.method)
+    plane = np.stack([_plane(table[table.method == name], judged, edges_m) for name in methods])
+    return stanford_figure(
+        plane, counted, edges_m, judged=judged, title=title, columns=2, counted="epochs", named_by=EITHER
+    )
 
 
 def _plane(part: pd.DataFrame, judged: Judged, edges_m: np.ndarray) -> np.ndarray:
@@ -68,7 +61,6 @@ def _plane(part: pd.DataFrame, judged: Judged, edges_m: np.ndarray) -> np.ndarra
     return np.bincount(places, minlength=side * side).reshape(side, side)
 
 
-@picture("ground", "Horizontal errors, epoch by epoch; circles hold 50 % and 95 % of each method's.")
 def ground_figure(table: pd.DataFrame, *, title: str) -> Figure:
     """A panel for each method, all with the same axes; what lies far off is marked at the edge."""
     methods = list(dict.fromkeys(table.method))
@@ -79,11 +71,10 @@ def ground_figure(table: pd.DataFrame, *, title: str) -> Figure:
     )
     radius_m = np.hypot(table.east_m, table.north_m)
     reach_m = 1.15 * max(float(radius_m[table.method == name].quantile(0.99)) for name in methods)
-    for k, (panel, name) in enumerate(zip(axes, methods, strict=False)):
+    for panel, (name, style) in zip(axes, styles_of(methods).items(), strict=False):
         part = table[(table.method == name) & table.available]
         shown = part.iloc[:: -(-max(len(part), 1) // _MOST_POINTS)]
         place = np.clip(shown[["east_m", "north_m"]].to_numpy(), -reach_m, reach_m)
-        style = series_style(k)
         panel.scatter(
             place[:, 0],
             place[:, 1],
@@ -116,7 +107,6 @@ def ground_figure(table: pd.DataFrame, *, title: str) -> Figure:
     return figure
 
 
-@picture("track", "The true track, coloured by the horizontal error of the first method.")
 def track_figure(table: pd.DataFrame, truth_m: np.ndarray, *, title: str) -> Figure:
     """East and north of a receiver that moves, from its first position, with a mark where that is."""
     latitude, longitude, _ = geodetic(truth_m[0])
@@ -134,13 +124,10 @@ def track_figure(table: pd.DataFrame, truth_m: np.ndarray, *, title: str) -> Fig
     figure.colorbar(points, ax=panel, label=label, extend="max")
     panel.set(xlabel="east of the start [m]", ylabel="north of the start [m]")
     panel.set_aspect("equal", adjustable="datalim")
-    panel.legend(loc="best")
+    legend_in(panel, loc="best")
     return figure
 
 
-@picture(
-    "sky", "Where the satellites were, and the error of each without its system's clock; of many points every nth."
-)
 def sky_figure(residuals: pd.DataFrame, azimuth_deg: np.ndarray, *, title: str) -> Figure:
     """A sky plot coloured by the error, and the error over elevation beside it."""
     figure, (empty, panel) = new_figure(1, 2, width_in=9.0, height_in=4.6, title=title)
@@ -178,7 +165,7 @@ def sky_figure(residuals: pd.DataFrame, azimuth_deg: np.ndarray, *, title: str) 
         )  # fmt: skip
     panel.set(xlabel="elevation [deg]", ylabel="error without clock [m]", xlim=(0, 90))
     panel.set_ylim(-1.15 * _reach(residuals), 1.15 * _reach(residuals))
-    panel.legend(loc="upper right")
+    legend_in(panel, loc="upper right")
     return figure
 
 
@@ -186,7 +173,6 @@ def _reach(residuals: pd.DataFrame) -> float:
     return max(float(residuals.error_m.abs().quantile(0.999)), 2.0 * float(residuals.sigma_m.max()))
 
 
-@picture("satellites", "Satellites in view by system, and dilutions of precision.")
 def satellites_figure(g: Geometry, *, title: str) -> Figure:
     """Numbers of satellites and DOPs over time."""
     figure, (count, dop) = new_figure(2, 1, width_in=8.0, height_in=4.6, title=title, sharex=True)
@@ -202,7 +188,7 @@ def satellites_figure(g: Geometry, *, title: str) -> Figure:
         count.step(time, g.satellite_count, where="mid", color="0.1", linewidth=1.0, label="all")
     count.set_ylabel("satellites")
     count.set_ylim(0, 1.3 * int(g.satellite_count.max()))
-    count.legend(loc="upper right", ncols=5)
+    legend_in(count, loc="upper right", ncols=5)
     design = np.where(g.in_view[..., None], g.design, 0.0)
     used = np.abs(design).sum(axis=1) > 0
     normal = np.einsum("eni,enj->eij", design, design) + np.where(used, 0.0, 1.0)[:, None, :] * np.eye(used.shape[1])
@@ -215,12 +201,11 @@ def satellites_figure(g: Geometry, *, title: str) -> Figure:
         dop.plot(time, np.sqrt(value), color=style.colour, linestyle=style.line, linewidth=1.2, label=name)
     dop.set_ylabel("DOP")
     dop.set_ylim(0.0, 1.2 * float(np.nanquantile(np.sqrt(squared[:, 2]), 0.999)))
-    dop.legend(loc="upper right", ncols=2)
+    legend_in(dop, loc="upper right", ncols=2)
     time_axis(dop, time)
     return figure
 
 
-@picture("alarms", "Alarms of each method in time, and epochs with an error beyond the level and no alarm.")
 def alarm_figure(table: pd.DataFrame, *, judged: Judged, title: str) -> Figure:
     """A row for each method: bands where it alarms, marks where its level is misleading; ``table`` has ``rejected``."""
     methods = list(dict.fromkeys(table.method))
@@ -264,17 +249,64 @@ def azimuths_deg(g: Geometry, residuals: pd.DataFrame) -> np.ndarray:
     return by_name[epoch, pd.Index(g.names).get_indexer(residuals.satellite)]
 
 
-def all_pictures(
-    g: Geometry, table: pd.DataFrame, stanford: pd.DataFrame, residuals: pd.DataFrame, truth_m: np.ndarray,
-    judged: Judged, title: str,
-) -> Sequence[Picture]:  # fmt: skip
-    """Every figure but that of the errors in time."""
-    moves = bool(np.linalg.norm(truth_m - truth_m[0], axis=1).max() > _MOVES_M)
+def pictures(stored: Mapping[str, pd.DataFrame], experiment: ObserveExperiment) -> tuple[Picture, ...]:
+    """The figures that the table of the epochs holds all of."""
+    judged, title = experiment.decides, experiment.title
+
+    def epochs() -> pd.DataFrame:
+        table = stored["epochs"]
+        # No method has a test of its own, or none of them rejected anything.
+        rejected = table.rejected if "rejected" in table else False
+        return table.assign(time=pd.to_datetime(table.time), rejected=rejected)
+
+    def stanford(axis: str) -> Figure:
+        return stanford_axis_figure(epochs(), stored["stanford"], Judged(judged.alert, axis), title)
+
+    counted = stored["stanford"] if "stanford" in stored else pd.DataFrame({"axis": []})
     return (
-        *stanford_pictures(table, stanford, judged.alert, title),
-        alarm_figure(table, judged=judged, title=title),
-        ground_figure(table, title=title),
-        *([track_figure(table, truth_m, title=title)] if moves else []),
-        sky_figure(residuals, azimuths_deg(g, residuals), title=title),
-        satellites_figure(g, title=title),
-    )
+        Picture(
+            "epochs", "Position errors and protection levels over time.",
+            lambda: error_figure(epochs(), judged=judged, title=title),
+        ),
+        *(
+            Picture(
+                f"stanford_{axis}",
+                f"{axis.capitalize()} error against {axis} protection level, number of epochs in each cell; those that "
+                "a method's own test rejects are not in it.",
+                partial(stanford, axis),
+            )
+            for axis in judged.alert.limit_m
+            if (counted["axis"] == axis).any()
+        ),
+        Picture(
+            "alarms", "Alarms of each method in time, and epochs with an error beyond the level and no alarm.",
+            lambda: alarm_figure(epochs(), judged=judged, title=title),
+        ),
+        Picture(
+            "ground", "Horizontal errors, epoch by epoch; circles hold 50 % and 95 % of each method's.",
+            lambda: ground_figure(epochs(), title=title),
+        ),
+    )  # fmt: skip
+
+
+def pictures_of_files(
+    g: Geometry, table: pd.DataFrame, residuals: pd.DataFrame, truth_m: np.ndarray, title: str
+) -> tuple[Picture, ...]:
+    """The figures for which the receiver's files are needed: of the satellites, and of a track where there is one."""
+    moves = bool(np.linalg.norm(truth_m - truth_m[0], axis=1).max() > _MOVES_M)
+    track = Picture(
+        "track", "The true track, coloured by the horizontal error of the first method.",
+        lambda: track_figure(table, truth_m, title=title),
+    )  # fmt: skip
+    return (
+        *([track] if moves else []),
+        Picture(
+            "sky", "Where the satellites were, and the error of each without its system's clock; of many points every "
+            "nth.",
+            lambda: sky_figure(residuals, azimuths_deg(g, residuals), title=title),
+        ),
+        Picture(
+            "satellites", "Satellites in view by system, and dilutions of precision.",
+            lambda: satellites_figure(g, title=title),
+        ),
+    )  # fmt: skip

@@ -20,7 +20,8 @@ from pl_mc.report.text import metres, percent
 from pl_mc.studies.series.run import SeriesExperiment, draw_rows, solved
 from pl_mc.studies.series.run import work as series_work
 from pl_mc.studies.series.zhao2021 import ACCURACY_COLUMNS, PAPER
-from pl_mc.studies.spec import ByOneAxis, Strict
+from pl_mc.studies.spec import ByOneAxis
+from pl_mc.studies.strict import Strict
 from pl_mc.studies.study import Work
 from pl_mc.studies.validation import validated
 

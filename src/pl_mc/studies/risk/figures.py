@@ -13,16 +13,8 @@ import pandas as pd
 from pl_mc.alert import VERTICAL, Judged
 from pl_mc.constants import K_HORIZONTAL, K_VERTICAL
 from pl_mc.geometry import Geometry
-from pl_mc.report.figures import (
-    DOTTED,
-    bar_lengths,
-    in_common_look,
-    legend_below,
-    method_label,
-    new_figure,
-    note,
-    series_style,
-)
+from pl_mc.report.figures import DOTTED, bar_lengths, legend_below, legend_in, method_label, new_figure, note
+from pl_mc.report.look import SeriesStyle, series_style, styles_of
 from pl_mc.studies.risk.tables import EXACT
 
 if TYPE_CHECKING:
@@ -45,7 +37,6 @@ def _heading(event: str, judged: Judged) -> str:
     return f"P({called.size} > {limit}, no alarm)"
 
 
-@in_common_look
 def risk_curve_figure(curves: pd.DataFrame, *, judged: Judged, title: str) -> Figure:
     """Risk against bias, one row of panels per event and one column per satellite."""
     events, satellites, methods = (list(dict.fromkeys(curves[name])) for name in ("event", "satellite", "method"))
@@ -59,8 +50,8 @@ def risk_curve_figure(curves: pd.DataFrame, *, judged: Judged, title: str) -> Fi
         shown = curves[curves.event == event]
         for panel, satellite in zip(panels, satellites, strict=True):
             panel.set_yscale("log")
-            for k, method in enumerate(methods):
-                _curve(panel, shown[(shown.satellite == satellite) & (shown.method == method)], k, judged.axis)
+            for method, style in styles_of(methods).items():
+                _curve(panel, shown[(shown.satellite == satellite) & (shown.method == method)], style, judged.axis)
             panel.set_title(f"{satellite}: {event}")
             if event == "misleading":
                 panel.axhline(called.promise, **DOTTED)
@@ -95,11 +86,11 @@ def _least(rows: pd.DataFrame) -> float:
     return max(min(candidates), _SMALLEST)
 
 
-def _curve(panel: Axes, rows: pd.DataFrame, index: int, axis: str) -> None:
+def _curve(panel: Axes, rows: pd.DataFrame, style: SeriesStyle, axis: str) -> None:
     """One method: a line where it is exact, else estimates with intervals, hollow where there is a warning."""
     if rows.empty:
         return
-    style, label = series_style(index), method_label(rows.method.iloc[0], axis)
+    label = method_label(rows.method.iloc[0], axis)
     marks: Any = {"linestyle": "none", "marker": style.marker, "markersize": 4, "color": style.colour}
     exact = rows[rows.estimator == EXACT]
     if len(exact):
@@ -140,7 +131,6 @@ def _curve(panel: Axes, rows: pd.DataFrame, index: int, axis: str) -> None:
         )  # fmt: skip
 
 
-@in_common_look
 def worst_figure(worst: pd.DataFrame, *, judged: Judged, title: str) -> Figure:
     """The worst case of every satellite beside the largest on a ramp of 5, 10, ..., 100 m, a panel per event."""
     events, methods = (list(dict.fromkeys(worst[name])) for name in ("event", "method"))
@@ -153,10 +143,10 @@ def worst_figure(worst: pd.DataFrame, *, judged: Judged, title: str) -> Figure:
     for panel, event in zip(axes, events, strict=True):
         panel.set_xscale("log")
         rows = worst[worst.event == event]
-        for k, method in enumerate(methods):
+        for k, (method, style) in enumerate(styles_of(methods).items()):
             shown = rows[(rows.method == method) & (rows.probability > _SMALLEST)]
             places = shown.satellites.map(place).to_numpy() + (0.16 if len(methods) > 1 else 0.0) * (2 * k - 1)
-            _worst_of_method(panel, shown, places, k, method_label(method, judged.axis))
+            _worst_of_method(panel, shown, places, style, method_label(method, judged.axis))
         seen = rows.probability > _SMALLEST
         drawn = rows.loc[seen, ["probability", "grid_probability"]].to_numpy()
         drawn = drawn[drawn > _SMALLEST]
@@ -177,9 +167,8 @@ def worst_figure(worst: pd.DataFrame, *, judged: Judged, title: str) -> Figure:
     return figure
 
 
-def _worst_of_method(panel: Axes, rows: pd.DataFrame, places: np.ndarray, index: int, label: str) -> None:
+def _worst_of_method(panel: Axes, rows: pd.DataFrame, places: np.ndarray, style: SeriesStyle, label: str) -> None:
     """The worst biases of one method with their intervals and sizes, joined to the largest of the ramp."""
-    style = series_style(index)
     grid = rows.grid_probability
     panel.hlines(places, grid.clip(lower=_SMALLEST), rows.probability, color=style.colour, linewidth=1.0, alpha=0.6)
     panel.plot(
@@ -204,7 +193,6 @@ def _worst_of_method(panel: Axes, rows: pd.DataFrame, places: np.ndarray, index:
         note(panel, size, (end, height), shift=(6, 0), fontsize=7, va="center", color=style.colour)
 
 
-@in_common_look
 def step_figure(steps: pd.DataFrame, worst: pd.DataFrame, *, judged: Judged, title: str) -> Figure:
     """How a ramp of 5, 10, ... m steps over the peak of the risk: exact least squares near the worst bias."""
     events = list(dict.fromkeys(steps.event))
@@ -215,7 +203,9 @@ def step_figure(steps: pd.DataFrame, worst: pd.DataFrame, *, judged: Judged, tit
     peak_colour = series_style(1).colour
     for panel, event in zip(axes, events, strict=False):
         rows = steps[steps.event == event]
-        panel.plot(rows.bias_m, rows.probability, color=series_style(0).colour, linewidth=1.6)
+        panel.plot(
+            rows.bias_m, rows.probability, color=styles_of(rows.method)[rows.method.iloc[0]].colour, linewidth=1.6
+        )
         ramp = rows[(rows.bias_m > 0) & (np.abs(rows.bias_m / 5 - np.round(rows.bias_m / 5)) < 1e-9)]
         panel.plot(ramp.bias_m, ramp.probability, linestyle="none", marker="s", markersize=5, color="0.2")
         method, satellite = rows.method.iloc[0], rows.satellite.iloc[0]
@@ -244,7 +234,6 @@ def step_figure(steps: pd.DataFrame, worst: pd.DataFrame, *, judged: Judged, tit
     return figure
 
 
-@in_common_look
 def sky_figure(worst: pd.DataFrame, g: Geometry, *, axis: str, title: str) -> Figure:
     """The sky of the epoch, each satellite coloured by its worst case of the first event, one panel per method."""
     from matplotlib import patheffects
@@ -307,7 +296,6 @@ def _label_sides(angle: np.ndarray, zenith: np.ndarray) -> tuple[np.ndarray, np.
     )
 
 
-@in_common_look
 def calibration_figure(
     calibration: pd.DataFrame, curves: pd.DataFrame, equal_risk: pd.DataFrame, *, judged: Judged, title: str
 ) -> Figure:
@@ -325,8 +313,8 @@ def calibration_figure(
     smallest = calibration.target.min()
     for panel, fault in zip(axes, asked, strict=False):
         sought, shown = calibration[calibration.asked == fault], curves[curves.asked == fault]
-        for k, method in enumerate(methods):
-            _multipliers(panel, sought[sought.method == method], shown[shown.method == method], k, judged.axis)
+        for method, style in styles_of(methods).items():
+            _multipliers(panel, sought[sought.method == method], shown[shown.method == method], style, judged.axis)
         panel.axhline(smallest, **DOTTED)
         panel.axvline(usual_k, **DOTTED)
         note(
@@ -347,11 +335,11 @@ def calibration_figure(
     return figure
 
 
-def _multipliers(panel: Axes, rows: pd.DataFrame, curve: pd.DataFrame, index: int, axis: str) -> None:
+def _multipliers(panel: Axes, rows: pd.DataFrame, curve: pd.DataFrame, style: SeriesStyle, axis: str) -> None:
     """One method: its curve with the band of its bounds, counted multipliers, and the check of estimated ones."""
     if rows.empty:
         return
-    style, label = series_style(index), method_label(rows.method.iloc[0], axis)
+    label = method_label(rows.method.iloc[0], axis)
     exact = bool((rows.found == EXACT).all())
     if len(curve):
         line = f"{label}, exact" if exact else f"{label}, subset simulation"
@@ -376,7 +364,7 @@ def _multipliers(panel: Axes, rows: pd.DataFrame, curve: pd.DataFrame, index: in
             checked.k, checked.check_probability,
             yerr=bar_lengths(checked.check_probability, checked.check_low, checked.check_high), linestyle="none",
             marker="x", markersize=6.5, color="0.25", capsize=2.5, zorder=4,
-            label="importance sampling" if index == 1 else None,
+            label="importance sampling",
         )  # fmt: skip
 
 
@@ -386,10 +374,9 @@ def _equal_risk(panel: Axes, rows: pd.DataFrame, judged: Judged) -> None:
     shared = rows.groupby("target")["method"].nunique() >= min(len(methods), 2)
     targets = sorted(shared.index[shared], reverse=True) or sorted(rows.target.unique(), reverse=True)
     for target, width in {targets[0]: 0.8, targets[-1]: 2.0}.items():
-        for k, method in enumerate(methods):
+        for method, style in styles_of(methods).items():
             part = rows[(rows.method == method) & (rows.target == target)].sort_values("bias_m")
             if len(part):
-                style = series_style(k)
                 panel.errorbar(
                     part.bias_m, part.alarm_rate,
                     yerr=bar_lengths(part.alarm_rate, part.alarm_low, part.alarm_high), linestyle=style.line,
@@ -399,4 +386,4 @@ def _equal_risk(panel: Axes, rows: pd.DataFrame, judged: Judged) -> None:
     satellite = next((label.split(":")[0] for label in rows.fault if label != "none"), "")
     panel.set(xlabel=f"bias on {satellite} [m]", ylabel=f"P(alarm), {judged.limits()}", ylim=(-0.03, 1.05))
     panel.set_title("Alarms at equal risk")
-    panel.legend(loc="center right", bbox_to_anchor=(1.0, 0.3), fontsize=7.5)
+    legend_in(panel, loc="center right", bbox_to_anchor=(1.0, 0.3), fontsize=7.5)

@@ -13,7 +13,8 @@ from pl_mc.faults import require_satellite
 from pl_mc.geometry import Geometry
 from pl_mc.input_errors import InputError, require_choice
 from pl_mc.methods import Method
-from pl_mc.studies.spec import ByOneLevel, MethodChoice, SimulatedGeometry, Strict
+from pl_mc.studies.spec import ByOneLevel, MethodChoice, SimulatedGeometry
+from pl_mc.studies.strict import Strict
 from pl_mc.studies.study import Check, Work, refuse
 
 EventName = Literal["missed", "misleading"]

@@ -7,7 +7,11 @@ price, so that the file says at which biases, for which satellites and down to w
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import replace
+from typing import TYPE_CHECKING, Any
+
+import pandas as pd
 
 from pl_mc.engine import Execution
 from pl_mc.methods import as_methods
@@ -17,6 +21,9 @@ from pl_mc.studies.risk import figures, tables
 from pl_mc.studies.risk.record import RiskExperiment, checks
 from pl_mc.studies.risk.text import summary
 from pl_mc.studies.spec import scaled_noise
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
 
 _CHARTS = {
     "curves": Chart(
@@ -36,7 +43,7 @@ _WITH_METHODS = ("curves", "worst", "steps", "pairs", "budgets", "calibration", 
 def run(experiment: RiskExperiment, execution: Execution) -> Findings:
     """Curves, worst faults, budgets and multipliers, as tables and figures."""
     g = scaled_noise(experiment.geometry.one_epoch(), experiment.noise_scale)
-    judged, methods, title = experiment.decides, experiment.method_records(), experiment.title
+    judged, methods = experiment.decides, experiment.method_records()
     choice = experiment.calibration
     # Everything named is looked up before the first long computation.
     for _, require in checks(experiment, g):
@@ -63,30 +70,36 @@ def run(experiment: RiskExperiment, execution: Execution) -> Findings:
     return Findings(
         summary=summary(data, experiment, g, calibrated.methods),
         tables=tuple(Table(name, table, _CHARTS.get(name)) for name, table in data.items()),
-        pictures=(
-            Picture(
-                "risk_against_bias", figures.risk_curve_figure(curves, judged=judged, title=title),
-                "Probability of misleading information and missed detection against the bias.",
-            ),
-            Picture(
-                "worst_case", figures.worst_figure(worst, judged=judged, title=title),
-                "The worst fault of every satellite, beside the worst of a grid of biases.",
-            ),
-            Picture(
-                "grid_steps", figures.step_figure(data["steps"], worst, judged=judged, title=title),
-                "How much of the worst case a grid of biases misses, by its step.",
-            ),
-            Picture(
-                "worst_sky", figures.sky_figure(worst, g, axis=judged.axis, title=title),
-                "Where the satellites with the worst faults stand in the sky.",
-            ),
-            Picture(
-                "calibration",
-                figures.calibration_figure(
-                    multipliers, multiplier_curves, data["equal_risk"], judged=judged, title=title
-                ),
-                "The multiplier that keeps a target, and its price in alarms.",
+        notes=g.notes,
+    )
+
+
+def pictures(stored: Mapping[str, pd.DataFrame], experiment: RiskExperiment) -> tuple[Picture, ...]:
+    """Curves, worst faults, multipliers."""
+    drawn: dict[str, Any] = {"judged": experiment.decides, "title": experiment.title}
+
+    def sky() -> Figure:
+        g = scaled_noise(experiment.geometry.one_epoch(), experiment.noise_scale)
+        return figures.sky_figure(stored["worst"], g, axis=experiment.decides.axis, title=experiment.title)
+
+    return (
+        Picture(
+            "risk_against_bias", "Probability of misleading information and missed detection against the bias.",
+            lambda: figures.risk_curve_figure(stored["curves"], **drawn),
+        ),
+        Picture(
+            "worst_case", "The worst fault of every satellite, beside the worst of a grid of biases.",
+            lambda: figures.worst_figure(stored["worst"], **drawn),
+        ),
+        Picture(
+            "grid_steps", "How much of the worst case a grid of biases misses, by its step.",
+            lambda: figures.step_figure(stored["steps"], stored["worst"], **drawn),
+        ),
+        Picture("worst_sky", "Where the satellites with the worst faults stand in the sky.", sky),
+        Picture(
+            "calibration", "The multiplier that keeps a target, and its price in alarms.",
+            lambda: figures.calibration_figure(
+                stored["calibration"], stored["multiplier_curves"], stored["equal_risk"], **drawn
             ),
         ),
-        notes=g.notes,
     )  # fmt: skip

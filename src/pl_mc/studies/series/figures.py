@@ -10,8 +10,8 @@ import pandas as pd
 
 from pl_mc.alert import EITHER, Judged
 from pl_mc.report.accuracy import DIRECTIONS, ERRORS
-from pl_mc.report.figures import in_common_look, method_label, new_figure, shade, short_label
-from pl_mc.report.findings import picture
+from pl_mc.report.figures import legend_in, method_label, new_figure, shade, short_label
+from pl_mc.report.look import styles_of
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -20,8 +20,7 @@ if TYPE_CHECKING:
 # First and last epoch of each window with faults.
 Windows = Sequence[tuple[int, int]]
 
-# Dark on light, so that a series in front of another stays apart from it in grey too.
-_FRONT, _BACK = "#0B3C5D", "#E69F00"
+_DARK, _LIGHT = "#0B3C5D", "#E69F00"
 
 # Errors beyond the first make the scale logarithmic from the second on.
 LARGEST_ON_LINEAR_M, LINEAR_TO_M = 50.0, 10.0
@@ -29,8 +28,7 @@ LARGEST_ON_LINEAR_M, LINEAR_TO_M = 50.0, 10.0
 _ABOVE: dict[str, Any] = {"loc": "lower right", "bbox_to_anchor": (1.0, 1.0), "borderaxespad": 0.1}
 
 
-@in_common_look
-def satellites_figure(table: pd.DataFrame, *, windows: Windows, title: str) -> Figure:
+def satellites_figure(table: pd.DataFrame, windows: Windows, *, title: str) -> Figure:
     """Number of satellites in view against the epoch (figures 1 and 2 of Zhao et al. 2021).
 
     ``table`` has ``epoch, time, satellites``.
@@ -39,15 +37,14 @@ def satellites_figure(table: pd.DataFrame, *, windows: Windows, title: str) -> F
 
     first = table.drop_duplicates("epoch")
     figure, (axes,) = _over_epochs(table, windows, title=f"{title}: satellites in view", height_in=3.2)
-    axes.step(first.epoch, first.satellites, where="mid", color=_FRONT, linewidth=0.9)
+    axes.step(first.epoch, first.satellites, where="mid", color=_DARK, linewidth=0.9)
     axes.set(ylabel="visible satellites", ylim=(0, first.satellites.max() + 3))
     axes.yaxis.set_major_locator(MaxNLocator(integer=True, steps=[1, 2, 5, 10]))
-    axes.legend(loc="lower right")
+    legend_in(axes, loc="lower right")
     return figure
 
 
-@in_common_look
-def position_errors_figure(table: pd.DataFrame, *, method: str, windows: Windows, title: str) -> Figure:
+def position_errors_figure(table: pd.DataFrame, windows: Windows, *, method: str, title: str) -> Figure:
     """East, north and up errors of one method against the epoch, on one scale (figures 3, 4, 7 and 8).
 
     Where an error is over 50 m the scale is logarithmic beyond 10 m, so that the others can still be read.
@@ -58,7 +55,7 @@ def position_errors_figure(table: pd.DataFrame, *, method: str, windows: Windows
     figure, panels = _over_epochs(own, windows, panels=3, title=heading, height_in=6.4)
     for axes, column, direction in zip(panels, ERRORS, DIRECTIONS, strict=True):
         axes.axhline(0.0, color="0.4", linewidth=0.6, zorder=1.2)
-        axes.plot(own.epoch, own[column], color=_FRONT, linewidth=0.6)
+        axes.plot(own.epoch, own[column], color=styles_of(table.method)[method].colour, linewidth=0.6)
         axes.set_ylabel(f"{direction} error [m]")
     if own[ERRORS].abs().max().max() > LARGEST_ON_LINEAR_M:
         # Shared axes: what one is set to holds for all three.
@@ -66,7 +63,7 @@ def position_errors_figure(table: pd.DataFrame, *, method: str, windows: Windows
         sizes = (0.0, *(sign * size for size in (5, 10, 30, 100, 300, 1000) for sign in (-1, 1)))
         _label_ticks(panels[0], sizes, *panels[0].get_ylim())
         panels[1].set_ylabel(f"N error [m]\nlogarithmic beyond {LINEAR_TO_M:g} m")
-    panels[0].legend(**_ABOVE)
+    legend_in(panels[0], **_ABOVE)
     return figure
 
 
@@ -75,8 +72,7 @@ def level_words(judged: Judged) -> str:
     return "Protection levels" if judged.axis == EITHER else f"{judged.axis.capitalize()} protection levels"
 
 
-@in_common_look
-def levels_figure(table: pd.DataFrame, *, windows: Windows, judged: Judged, title: str) -> Figure:
+def levels_figure(table: pd.DataFrame, windows: Windows, *, judged: Judged, title: str) -> Figure:
     """Protection levels and their alert limits against the epoch, on a logarithmic scale (figures 5 and 9).
 
     ``table`` has ``epoch, time, method`` and the levels of the axis, each of which has a panel.
@@ -85,15 +81,16 @@ def levels_figure(table: pd.DataFrame, *, windows: Windows, judged: Judged, titl
     figure, panels = _over_epochs(
         table, windows, panels=len(judged.levels), title=heading, height_in=1.6 + 2.8 * len(judged.levels)
     )
-    # The first method is drawn broad and light behind, the second thin and dark in front.
-    looks = ((_BACK, 2.2), (_FRONT, 0.6))
+    # The first method is drawn broad and pale behind, the second thin in front.
+    looks: tuple[Any, ...] = ({"linewidth": 2.2, "alpha": 0.45}, {"linewidth": 0.6})
+    styles = styles_of(table.method)
     for axes, (pl, name, limit_m), one in zip(panels, judged.levels, judged.called, strict=True):
-        for (colour, width), (method, group) in zip(looks, table.groupby("method", sort=False), strict=True):
+        for look, (method, group) in zip(looks, table.groupby("method", sort=False), strict=True):
             label = method_label(str(method), judged.axis)
-            axes.plot(group.epoch, group[f"{pl}_m"], color=colour, linewidth=width, label=label)
+            axes.plot(group.epoch, group[f"{pl}_m"], color=styles[str(method)].colour, label=label, **look)
         axes.axhline(limit_m, color="0.1", linewidth=1.3, linestyle=(0, (6, 2)), label=f"{one.limit} {limit_m:g} m")
         axes.set(yscale="log", ylabel=f"{name} [m]")
-        axes.legend(ncols=4, **_ABOVE)
+        legend_in(axes, ncols=4, **_ABOVE)
     # The panels share one scale.
     level_m, limits = table[[f"{pl}_m" for pl, _, _ in judged.levels]].to_numpy(), [m for _, _, m in judged.levels]
     known = level_m[np.isfinite(level_m) & (level_m > 0)]
@@ -103,7 +100,6 @@ def levels_figure(table: pd.DataFrame, *, windows: Windows, judged: Judged, titl
     return figure
 
 
-@picture("flight", "The flight: track, height and bank angle.")
 def flight_figure(flight: pd.DataFrame, *, title: str) -> Figure:
     """The flight seen from above, and its height and bank against the epoch.
 
@@ -113,18 +109,18 @@ def flight_figure(flight: pd.DataFrame, *, title: str) -> Figure:
 
     heading = f"{title}: the flight"
     figure, (above, height, bank) = new_figure(1, 3, width_in=11.0, height_in=4.2, title=heading)
-    above.plot(flight.longitude_deg, flight.latitude_deg, color=_FRONT, linewidth=0.7)
+    above.plot(flight.longitude_deg, flight.latitude_deg, color=_DARK, linewidth=0.7)
     start = flight.iloc[:1]
-    runway: dict[str, Any] = {"color": _BACK, "markeredgecolor": "0.1", "label": "runway"}
+    runway: dict[str, Any] = {"color": _LIGHT, "markeredgecolor": "0.1", "label": "runway"}
     above.plot(start.longitude_deg, start.latitude_deg, linestyle="none", marker="o", **runway)
     above.set(xlabel="longitude [deg]", ylabel="latitude [deg]")
     above.set_aspect(1 / np.cos(np.radians(flight.latitude_deg.mean())))
     above.ticklabel_format(useOffset=False)
     above.xaxis.set_major_locator(MaxNLocator(4))
-    above.legend(loc="lower right")
-    height.plot(flight.epoch, flight.height_m, color=_FRONT, linewidth=1.0)
+    legend_in(above, loc="lower right")
+    height.plot(flight.epoch, flight.height_m, color=_DARK, linewidth=1.0)
     height.set(xlabel="epoch", ylabel="height above the ellipsoid [m]", ylim=(0, None))
-    bank.plot(flight.epoch, flight.bank_deg, color=_FRONT, linewidth=0.6)
+    bank.plot(flight.epoch, flight.bank_deg, color=_DARK, linewidth=0.6)
     bank.set(ylabel="bank, right wing down [deg]", xlabel="epoch")
     return figure
 

@@ -6,8 +6,9 @@ After the static and the dynamic experiment of Zhao et al. (2021), sections 3.2 
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
+from functools import partial
 from pathlib import Path
-from typing import Any, Literal
+from typing import Literal
 
 import numpy as np
 import pandas as pd
@@ -31,7 +32,7 @@ from pl_mc.studies.series.figures import (
     position_errors_figure,
     satellites_figure,
 )
-from pl_mc.studies.series.window_faults import AnyWindowFaults, DrawnFaults, GivenFaults
+from pl_mc.studies.series.window_faults import AnyWindowFaults, DrawnFaults, GivenFaults, faulted_windows
 from pl_mc.studies.series.zhao2021 import ACCURACY_COLUMNS, PAPER, oddities, paper_table
 from pl_mc.studies.sources import AnySource, ReceiverSource, Series, expected_epochs
 from pl_mc.studies.spec import ByOneAxis, MethodChoice
@@ -116,7 +117,6 @@ def run(experiment: SeriesExperiment, execution: Execution) -> Findings:
             Table("redraws", redraws),
             Table(f"table{paper.table}", compared),
         ),
-        pictures=_pictures(experiment, table, faults.windows, series.tables.get("flight")),
         notes=(*series.notes, *faults.notes, *experiment.remarks),
         texts={f"table{paper.table}.md": comparison(experiment, compared, redraws, remarks)},
     )
@@ -163,25 +163,40 @@ def solved(experiment: SeriesExperiment, series: Series, redraw: int) -> tuple[p
     return table, faults
 
 
-def _pictures(
-    experiment: SeriesExperiment, table: pd.DataFrame, windows: Windows, flight: pd.DataFrame | None
-) -> tuple[Picture, ...]:
-    """The figures under the paper's numbers."""
+def pictures(stored: Mapping[str, pd.DataFrame], experiment: SeriesExperiment) -> tuple[Picture, ...]:
+    """The figures under the paper's numbers, and that of a flight."""
     satellites, before, after, levels = PAPER[experiment.compare].figures
-    (plain, robust), judged = table.method.unique(), experiment.decides
-    common: dict[str, Any] = {"windows": windows, "title": experiment.title}
+    (plain, robust), judged = (method.name for method in experiment.method_records()), experiment.decides
+    title, epochs = experiment.title, partial(_epochs, stored, experiment)
     errors = "East, north and up errors of {} over the epochs."
-    drawn = (
-        (f"fig{satellites}_satellites", satellites_figure(table, **common), "Satellites in view over the epochs."),
-        (f"fig{before}_errors_ls", position_errors_figure(table, method=plain, **common),
-         errors.format("least squares")),
-        (f"fig{after}_errors_robust", position_errors_figure(table, method=robust, **common),
-         errors.format("the robust estimate")),
-        (f"fig{levels}_{'_'.join(pl for pl, _, _ in judged.levels)}", levels_figure(table, judged=judged, **common),
-         f"{level_words(judged)} over the epochs."),
+    made = (
+        Picture(
+            f"fig{satellites}_satellites", "Satellites in view over the epochs.",
+            lambda: satellites_figure(*epochs(), title=title),
+        ),
+        Picture(
+            f"fig{before}_errors_ls", errors.format("least squares"),
+            lambda: position_errors_figure(*epochs(), method=plain, title=title),
+        ),
+        Picture(
+            f"fig{after}_errors_robust", errors.format("the robust estimate"),
+            lambda: position_errors_figure(*epochs(), method=robust, title=title),
+        ),
+        Picture(
+            f"fig{levels}_{'_'.join(pl for pl, _, _ in judged.levels)}", f"{level_words(judged)} over the epochs.",
+            lambda: levels_figure(*epochs(), judged=judged, title=title),
+        ),
     )  # fmt: skip
-    above = () if flight is None else (flight_figure(flight, title=experiment.title),)
-    return (*(Picture(*parts) for parts in drawn), *above)
+    flight = Picture(
+        "flight", "The flight: track, height and bank angle.", lambda: flight_figure(stored["flight"], title=title)
+    )
+    return (*made, flight) if "flight" in stored else made
+
+
+def _epochs(stored: Mapping[str, pd.DataFrame], experiment: SeriesExperiment) -> tuple[pd.DataFrame, Windows]:
+    """The table of the epochs, and its windows with faults."""
+    table, given = stored["epochs"], experiment.faults
+    return table, getattr(given, "windows", None) or faulted_windows(table.drop_duplicates("epoch"))
 
 
 def comparison(

@@ -20,7 +20,7 @@ from pl_mc.input_errors import InputError
 from pl_mc.kernels.noise import epoch_key
 from pl_mc.runtime.precision import precision_scope
 from pl_mc.studies.fault_fields import ListedFaults, fields_of
-from pl_mc.studies.spec import Strict
+from pl_mc.studies.strict import Strict
 
 # Faults draw from the stream of an epoch number that no series reaches, so that they share nothing with the noise.
 FAULT_STREAM = 2**32 - 1
@@ -151,8 +151,7 @@ class GivenFaults(ListedFaults):
         place, row = np.nonzero(bias_m)
         names = np.array(g.names)[g.satellite[place, row]]
         listed = pd.DataFrame({"epoch": g.epoch[place], "satellite": names, "bias_m": bias_m[place, row]})
-        ends = np.flatnonzero(np.diff(np.concatenate([[False], faulted, [False]]).astype(int))).reshape(-1, 2)
-        windows = tuple((int(g.epoch[first]), int(g.epoch[stop - 1])) for first, stop in ends)
+        windows = faulted_windows(pd.DataFrame({"epoch": g.epoch, "faulted": faulted}))
         chosen = (tuple(pd.unique(listed.satellite[listed.epoch.between(*window)])) for window in windows)
         return DrawnFaults(bias_m, faulted, listed, chosen=tuple(chosen), windows=windows, notes=notes)
 
@@ -161,6 +160,13 @@ AnyWindowFaults = Annotated[
     Annotated[WindowFaults, Tag("Windows")] | Annotated[GivenFaults, Tag("Listed")],
     Discriminator(lambda given: "Listed" if "biases" in fields_of(given) else "Windows"),
 ]
+
+
+def faulted_windows(epochs: pd.DataFrame) -> tuple[tuple[int, int], ...]:
+    """First and last epoch of each run of faulted ones; one row per epoch: ``epoch, faulted``."""
+    faulted, number = epochs.faulted.to_numpy(bool), epochs.epoch.to_numpy()
+    ends = np.flatnonzero(np.diff(np.concatenate([[False], faulted, [False]]).astype(int))).reshape(-1, 2)
+    return tuple((int(number[first]), int(number[stop - 1])) for first, stop in ends)
 
 
 def in_view_throughout(g: Geometry, places: NDArray[np.int64]) -> NDArray[np.int64]:

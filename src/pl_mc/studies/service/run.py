@@ -4,11 +4,9 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any, Literal
+from typing import Any, Literal
 
-import numpy as np
 import pandas as pd
-from numpy.typing import NDArray
 from pydantic import Field
 
 from pl_mc.alert import EITHER, OPERATIONS, AlertLimits, as_limits
@@ -16,10 +14,8 @@ from pl_mc.engine import Execution
 from pl_mc.error_models import ErrorModel, error_model
 from pl_mc.geometry import Geometry, simulate
 from pl_mc.noise_models import GAUSSIAN
-from pl_mc.report.figures import legend_below, method_label, new_figure, series_style
-from pl_mc.report.findings import Findings, Picture, Table, picture
-from pl_mc.report.maps import coastlines, sky_figure, world_figure
-from pl_mc.report.text import percent
+from pl_mc.report.findings import Findings, Table
+from pl_mc.report.maps import coastlines
 from pl_mc.service.continuity import as_durations
 from pl_mc.service.levels import levels_from_geometry
 from pl_mc.service.sky import world_grid
@@ -35,12 +31,9 @@ from pl_mc.service.volume import (
     run_service,
     service_task,
 )
-from pl_mc.studies.service.text import rows_of, summary
+from pl_mc.studies.service.text import summary
 from pl_mc.studies.spec import Experiment, MethodChoice, NoiseChoice
 from pl_mc.studies.study import Check, Work
-
-if TYPE_CHECKING:
-    from matplotlib.figure import Figure
 
 # Sites of the lists of the worst.
 WORST = 10
@@ -148,7 +141,7 @@ def sweeps(experiment: ServiceExperiment) -> tuple[PlannedService, ...]:
 def run(experiment: ServiceExperiment, execution: Execution) -> Findings:
     """Rates over the world, the worst sites, maps, and the sky over one site."""
     # What is wrong with the site is said before the long part.
-    sky = experiment.sky()
+    experiment.sky()
     volume = PlannedService().volume(experiment, execution)
     worst = worst_sites(volume)
     return Findings(
@@ -159,7 +152,6 @@ def run(experiment: ServiceExperiment, execution: Execution) -> Findings:
             Table("satellites", volume.satellites),
             *(Table(name, getattr(volume, name), stored="parquet") for name in ("sites", "levels", "by_epoch")),
         ),
-        pictures=_pictures(experiment, volume, sky),
         notes=(*_notes(experiment, volume), *volume.notes),
     )
 
@@ -238,88 +230,3 @@ def _notes(experiment: ServiceExperiment, volume: ServiceVolume) -> tuple[str, .
     if not coastlines():
         notes.append("The maps have no coastlines: their package is not installed (pip install 'pl_mc[maps]').")
     return tuple(notes)
-
-
-def _pictures(experiment: ServiceExperiment, volume: ServiceVolume, sky: Geometry) -> tuple[Picture, ...]:
-    """All figures of a run; ``sky`` is the series over the site of the sky plot."""
-    title, methods, limits = experiment.title, volume.methods, experiment.alert_limits()
-    site = f"Satellites over {experiment.site}, {experiment.mask_deg:g} deg mask; names at the first epoch"
-    ways = sky_figure(sky, mask_deg=experiment.mask_deg, title=site)
-    # Where every method serves everywhere an operation has nothing to show.
-    least = volume.world.groupby("operation", sort=False).worst_rate.min()
-    shown = [one.name for one in volume.operations if least[one.name] < 1.0] or [volume.operations[0].name]
-    availability = {
-        f"{method_label(m)}: {_mean_text(volume, m, limits.name)} of area and time": _share(volume, m, limits.name)
-        for m in methods
-    }
-    operations = {f"{o}, {m}: {_mean_text(volume, m, o)}": _share(volume, m, o) for o in shown for m in methods}
-    levels = {method_label(m): volume.levels[volume.levels.method == m].vpl_99_m.to_numpy() for m in methods}
-    # Few sites with very large levels would take all colours.
-    finite = np.concatenate([values[np.isfinite(values)] for values in levels.values()])
-    low, high = (float(finite.min()), float(np.quantile(finite, 0.98))) if finite.size else (0.0, 1.0)
-    satellites = {
-        "smallest number over the epochs": volume.satellites.satellites_min.to_numpy(dtype=float),
-        "mean": volume.satellites.satellites_mean.to_numpy(),
-    }
-
-    def world(name: str, maps: dict[str, NDArray[np.float64]], what: str, caption: str, **options: Any) -> Picture:
-        return Picture(name, world_figure(volume.grid, maps, title=f"{title}: {what}", **options), caption)
-
-    in_view = "satellites in view"
-    shares: dict[str, Any] = {"label": "availability", "shares": True}
-    return (
-        world(
-            "world_availability", availability, limits_text(limits), "Share of the day with service, by method.",
-            **shares,
-        ),
-        world(
-            "world_operations", operations, "availability, and its mean over area and time",
-            "The same for every operation.", columns=len(methods), **shares,
-        ),
-        world(
-            "world_levels", levels, "vertical protection levels",
-            "Vertical protection levels not exceeded in 99 % of the scenarios.",
-            label=f"VPL not exceeded in 99 % of the scenarios [m]; white: none; colours end at {high:.3g} m",
-            limits=(low, high), logarithmic=True,
-        ),
-        world("world_satellites", satellites, in_view, "Satellites in view.", label=in_view),
-        day_figure(volume, title=title),
-        Picture("sky", ways, "Ways of the satellites over one site."),
-    )  # fmt: skip
-
-
-@picture("world_day", "Share of the Earth's area without service over the day.")
-def day_figure(volume: ServiceVolume, *, title: str) -> Figure:
-    """The share of the Earth's area without service, epoch by epoch, a panel for each operation that has any."""
-    table = volume.by_epoch
-    table = table.assign(hours=(table.time_gps_s - volume.time_gps_s[0]) / 3600.0, lost=1.0 - table.area_share)
-    lost = table.groupby("operation", sort=False).lost.max()
-    # Shares are sums of many cells, so that full service may miss one by rounding.
-    shown = [limits for limits in volume.operations if lost[limits.name] > 1e-9] or volume.operations[:1]
-    figure, axes = new_figure(
-        len(shown), 1, width_in=8.5, height_in=0.9 + 1.75 * len(shown), sharex=True,
-        title=f"{title}: share of the Earth's area without service",
-    )  # fmt: skip
-    for panel, limits in zip(axes, shown, strict=True):
-        for k, method in enumerate(volume.methods):
-            rows, look = rows_of(table, method, limits.name), series_style(k).look | {"marker": ""}
-            lost_percent = 100.0 * np.maximum(rows.lost, 0.0)
-            panel.plot(rows.hours, lost_percent, **look, linewidth=1.2, label=method_label(method))
-        panel.set_title(limits_text(limits))
-        panel.set(ylabel="area [%]", ylim=(0.0, None))
-    axes[-1].set(xlabel="time from the start [h]", xlim=(0.0, float(table.hours.max()) or 1.0))
-    legend_below(figure, axes[:1], columns=len(volume.methods), side="center")
-    return figure
-
-
-def limits_text(alert: AlertLimits) -> str:
-    """``LPV-200, VAL 35 m, HAL 40 m``."""
-    return f"{alert.name}, {alert.words}"
-
-
-def _share(volume: ServiceVolume, method: str, operation: str) -> NDArray[np.float64]:
-    return rows_of(volume.sites, method, operation).availability_rate.to_numpy()
-
-
-def _mean_text(volume: ServiceVolume, method: str, operation: str) -> str:
-    return f"{percent(float(rows_of(volume.world, method, operation).availability_rate.iloc[0]))} %"

@@ -5,8 +5,9 @@ from __future__ import annotations
 from collections.abc import Iterator, Mapping
 from contextlib import suppress
 from functools import partial
-from typing import Any, Literal
+from typing import TYPE_CHECKING, Any, Literal
 
+import numpy as np
 import pandas as pd
 from pydantic import Field
 
@@ -22,6 +23,9 @@ from pl_mc.report.text import by_method, method_key, row_rate
 from pl_mc.studies.fault_fields import ListedFaults, RampSizes, SizesOrFaults
 from pl_mc.studies.spec import ByOneLevel, Distinct, SimulatedGeometry, scaled_noise
 from pl_mc.studies.study import Check, Work, refuse
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
 
 # The regions that are parts of the plane.
 _IN_PLANE = 6
@@ -70,20 +74,30 @@ def run(experiment: StanfordExperiment, execution: Execution) -> Findings:
         precision=experiment.precision, workers=execution.workers, progress=execution.progress,
     )  # fmt: skip
     regions, cells = (experiment.with_axis(table) for table in (counts.regions(), counts.cells()))
-    plane = counts.counts[:, :_IN_PLANE].sum(axis=1)
     return Findings(
         summary=summary(experiment, g, counts, regions),
         tables=(Table("stanford", cells), Table("regions", regions)),
-        pictures=(
-            Picture(
-                "stanford",
-                stanford_figure(plane, regions, grid.edges_m, judged=judged, title=experiment.title),
-                f"{judged.axis.capitalize()} error against {judged.axis} protection level, number of scenarios in each "
-                "cell.",
-            ),
-        ),
         notes=g.notes,
     )
+
+
+def pictures(stored: Mapping[str, pd.DataFrame], experiment: StanfordExperiment) -> tuple[Picture, ...]:
+    """The diagram."""
+    judged, edges_m = experiment.decides, Grid(experiment.reach_m, experiment.cell_m).edges_m
+
+    def draw() -> Figure:
+        cells, regions = stored["stanford"], stored["regions"]
+        methods = list(dict.fromkeys(regions.method))
+        cells = cells[cells.region.isin(REGIONS[:_IN_PLANE])]
+        plane = np.zeros((len(methods), edges_m.size - 1, edges_m.size - 1), dtype=np.int64)
+        error, level = (np.rint(cells[f"{what}_from_m"] / experiment.cell_m).astype(int) for what in ("error", "level"))
+        np.add.at(plane, (pd.Index(methods).get_indexer(cells.method), error, level), cells["count"])
+        return stanford_figure(plane, regions, edges_m, judged=judged, title=experiment.title)
+
+    caption = (
+        f"{judged.axis.capitalize()} error against {judged.axis} protection level, number of scenarios in each cell."
+    )
+    return (Picture("stanford", caption, draw),)
 
 
 def work(experiment: StanfordExperiment) -> Work:

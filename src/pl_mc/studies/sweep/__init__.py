@@ -1,6 +1,7 @@
 """Rates of events under faults: fault by fault, satellite by satellite, or as maps over time."""
 
 from pl_mc.studies.study import Study
+from pl_mc.studies.sweep.pictures import pictures
 from pl_mc.studies.sweep.record import SweepExperiment
 from pl_mc.studies.sweep.text import answer
 from pl_mc.studies.sweep.views import run, sweeps
@@ -15,6 +16,7 @@ QUESTIONS = {
 
 STUDY = Study(
     model=SweepExperiment, question=lambda experiment: QUESTIONS[experiment.view], run=run, answer=answer,
+    pictures=pictures,
     sweeps=sweeps,
     with_faults=lambda content, texts: {
         "view": "faults", "draws_per_satellite": None, "faults": {"biases": texts}

@@ -12,16 +12,8 @@ import numpy as np
 import pandas as pd
 
 from pl_mc.alert import EITHER, Judged
-from pl_mc.report.figures import (
-    SeriesStyle,
-    bar_lengths,
-    in_common_look,
-    limit_line,
-    method_label,
-    new_figure,
-    note,
-    series_style,
-)
+from pl_mc.report.figures import bar_lengths, legend_in, limit_line, method_label, new_figure, note
+from pl_mc.report.look import SeriesStyle, styles_of
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -36,7 +28,6 @@ def _level_words(judged: Judged) -> str:
 _ENTRY_HEIGHT = 0.08
 
 
-@in_common_look
 def ramp_figure(
     rates: pd.DataFrame, levels: pd.DataFrame, exact: pd.DataFrame, *, judged: Judged, title: str
 ) -> Figure:
@@ -66,7 +57,7 @@ def ramp_figure(
     entries = len(top.get_legend_handles_labels()[1])
     below = 0.96 - _ENTRY_HEIGHT * entries
     top.set_ylim(0, max(top.get_ylim()[1], *(limit / below for _, _, limit in judged.levels)))
-    top.legend(loc="upper left")
+    legend_in(top, loc="upper left")
 
     for axes, event, curve in (
         (middle, "alarm", exact), (bottom, "misleading", exact[exact.misleading_rate > 1e-12]),
@@ -78,7 +69,7 @@ def ramp_figure(
             axes.plot(curve.bias_m, rate, color="0.25", linewidth=0.9, label="least squares, exact")
     middle.set(ylabel=f"P(alarm), {judged.limits()}", ylim=(-0.03, 1.05))
     middle.set_title("Alarms, with 95 % intervals")
-    middle.legend(loc="center right")
+    legend_in(middle, loc="center right")
     for one in judged.called:
         bottom.axhline(one.promise, color="0.15", linewidth=1.0, linestyle=":")
         note(
@@ -88,11 +79,10 @@ def ramp_figure(
     bottom.set(yscale="log", ylabel=judged.probability("misleading"), xlabel="bias [m]")
     bottom.set_ylim(0.01 * min(one.promise for one in judged.called), 2.0)
     bottom.set_title("Misleading information (arrow: 95 % upper bound where nothing was seen)")
-    bottom.legend(loc="best", ncols=2)
+    legend_in(bottom, loc="best", ncols=2)
     return figure
 
 
-@in_common_look
 def rates_by_fault_figure(rates: pd.DataFrame, *, judged: Judged, title: str) -> Figure:
     """Alarm rates and rates of misleading information fault by fault, for faults that are no ramp.
 
@@ -116,11 +106,10 @@ def rates_by_fault_figure(rates: pd.DataFrame, *, judged: Judged, title: str) ->
     right.set(xlabel=judged.probability("misleading"))
     left.set_title("Alarms, with 95 % intervals")
     right.set_title("Misleading information")
-    right.legend(loc="best")
+    legend_in(right, loc="best")
     return figure
 
 
-@in_common_look
 def realisation_figure(outcomes: pd.DataFrame, *, judged: Judged, title: str) -> Figure:
     """The level of every method against the bias for one noise draw, as figure 6 of Zhao et al. 2021 shows it.
 
@@ -137,11 +126,10 @@ def realisation_figure(outcomes: pd.DataFrame, *, judged: Judged, title: str) ->
     _limit_lines(axes, judged)
     axes.set(xlabel="bias [m]", ylabel=f"{_level_words(judged)} [m]", ylim=(0, None))
     axes.set_title(f"{title}; one noise draw")
-    axes.legend(loc="upper left")
+    legend_in(axes, loc="upper left")
     return figure
 
 
-@in_common_look
 def satellite_figure(rates: pd.DataFrame, satellites: pd.DataFrame, *, judged: Judged, title: str) -> Figure:
     """Alarm rate and rate of misleading information by satellite and bias, one column of panels per method.
 
@@ -182,7 +170,6 @@ def satellite_figure(rates: pd.DataFrame, satellites: pd.DataFrame, *, judged: J
     return figure
 
 
-@in_common_look
 def map_figure(rates: pd.DataFrame, *, event: str, judged: Judged, title: str) -> Figure:
     """The rate of one event by epoch and faulted satellite, averaged over the ramp; one panel per method.
 
@@ -241,8 +228,9 @@ def _limit_lines(axes: Axes, judged: Judged) -> None:
 
 def _by_method(table: pd.DataFrame, judged: Judged) -> Iterator[tuple[str, SeriesStyle, pd.DataFrame]]:
     """Label, style and rows of each method, in order."""
-    for k, (name, group) in enumerate(table.groupby("method", sort=False)):
-        yield method_label(str(name), judged.axis), series_style(k), group
+    styles = styles_of(table.method)
+    for name, group in table.groupby("method", sort=False):
+        yield method_label(str(name), judged.axis), styles[str(name)], group
 
 
 def _rate_points(axes: Axes, group: pd.DataFrame, event: str, style: SeriesStyle, label: str) -> None:

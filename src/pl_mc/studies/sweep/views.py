@@ -3,35 +3,30 @@
 from __future__ import annotations
 
 from collections.abc import Iterable
-from typing import TYPE_CHECKING, Any, Literal
+from typing import Literal
 
 import numpy as np
 import pandas as pd
 
-from pl_mc.alert import EITHER, HORIZONTAL, VERTICAL, Judged
+from pl_mc.alert import HORIZONTAL, VERTICAL
 from pl_mc.engine import Execution, sample
 from pl_mc.engine.table import count_columns, sum_over_faults, with_rates
 from pl_mc.faults import Faults, no_fault, ramps
 from pl_mc.geometry import Geometry, redundancy_numbers
 from pl_mc.noise_models import GAUSSIAN
 from pl_mc.report.document import Chart
-from pl_mc.report.findings import Findings, Picture, Table, event_quantities, level_quantities
+from pl_mc.report.findings import Findings, Table, event_quantities, level_quantities
 from pl_mc.statistics import ls_quantities
 from pl_mc.statistics.exact import ls_rates
 from pl_mc.studies.fault_fields import RampSizes
 from pl_mc.studies.planned_sweep import PlannedSweep
-from pl_mc.studies.sweep import figures
 from pl_mc.studies.sweep.record import SweepExperiment
-from pl_mc.studies.sweep.text import EVENTS, faults_summary, map_summary, of_axis, satellites_summary
-
-if TYPE_CHECKING:
-    from matplotlib.figure import Figure
+from pl_mc.studies.sweep.text import faults_summary, map_summary, satellites_summary
 
 # Draws whose protection levels are kept one by one, for medians and quantiles.
 LEVEL_DRAWS = 2000
 
 _LEVELS = Chart("VPL and HPL against the bias", ("method",), level_quantities())
-_RAMP_CAPTION = "Protection levels and rates of events against the bias, or fault by fault."
 
 
 def sweeps(experiment: SweepExperiment) -> tuple[PlannedSweep, ...]:
@@ -68,7 +63,7 @@ def by_fault(experiment: SweepExperiment, execution: Execution) -> Findings:
     Rates of a series are sums over its epochs; the counts of every epoch are kept as the rows ``epochs``.
     """
     (sweep,), notes = planned(experiment)
-    g, faults, judged, title = sweep.g, sweep.faults, experiment.judged(), experiment.title
+    g, faults = sweep.g, sweep.faults
     rates = sweep.run(experiment, execution)
     # No closed form stands beside what is drawn.
     exact = exact_rates(experiment, g, faults.only(*np.flatnonzero(~faults.drawn)))
@@ -77,24 +72,11 @@ def by_fault(experiment: SweepExperiment, execution: Execution) -> Findings:
     on_curves = len(of_size) > 0 and not of_size.duplicated([*keys_of(rates), "bias_m"]).any()
     tables = [Table("rates", rates, chart=_rates_chart(rates) if on_curves else None)]
     tables += [Table("exact", exact)] if len(exact) else []
-    drawn: dict[Judged, dict[str, Any]] = {
-        one: {"rates": of_axis(rates, one), "judged": one, "title": title} for one in judged
-    }
-    is_ramp = np.isfinite(faults.scalar_bias_m).all() and len(np.unique(faults.scalar_bias_m)) == len(faults) > 1
-    # Levels one by one and the exact curve are those of Gaussian noise.
-    if is_ramp and not g.is_series and sweep.noise == GAUSSIAN:
-        levels = level_table(_outcomes(experiment, g, faults))
-        tables.append(Table("levels", levels, chart=_LEVELS))
-        curve = exact_rates(experiment, g, _finer(faults, g))
-        made = {
-            one: figures.ramp_figure(levels=levels, exact=of_axis(curve, one), **given) for one, given in drawn.items()
-        }
-    else:
-        made = {one: figures.rates_by_fault_figure(**given) for one, given in drawn.items()}
+    if has_levels(sweep):
+        tables.append(Table("levels", level_table(outcomes_of(experiment, g, faults)), chart=_LEVELS))
     return Findings(
         summary=faults_summary(experiment, g, rates, exact, sweep.noise),
         tables=tuple(tables),
-        pictures=tuple(_picture("rates", figure, _RAMP_CAPTION, one, judged) for one, figure in made.items()),
         notes=(*notes, *rates.attrs["notes"]),
         rows={"epochs": sweep.stored(execution)} if g.is_series else {},
     )
@@ -107,28 +89,12 @@ def by_satellite(experiment: SweepExperiment, execution: Execution) -> Findings:
     here every bias gets many, and every satellite of the epoch gets its turn.
     """
     (of_one, of_every), notes = planned(experiment)
-    g, faults, judged, title = of_one.g, of_one.faults, experiment.judged(), experiment.title
+    g, faults = of_one.g, of_one.faults
     ramp = of_one.run(experiment, execution)
-    exact, curve = exact_rates(experiment, g, faults), exact_rates(experiment, g, _finer(faults, g))
-    outcomes = _outcomes(experiment, g, faults)
-    levels, one_draw = level_table(outcomes), outcomes[outcomes.draw == 0]
+    exact, levels = exact_rates(experiment, g, faults), level_table(outcomes_of(experiment, g, faults))
     satellites = of_every.run(experiment, execution)
     satellites.insert(0, "satellite", _satellite(satellites))
-    described = _describe(g, horizontally=any(one.axis != VERTICAL for one in judged))
-    pictures: list[Picture] = []
-    for one in judged:
-        shared: dict[str, Any] = {"judged": one, "title": title}
-        both = one.axis == EITHER
-        level = "Protection levels" if both else f"{one.axis.capitalize()} protection level"
-        made = [
-            (f"fig6_{'levels' if both else one.levels[0][0]}_against_bias",
-             figures.realisation_figure(one_draw, **shared), f"{level} of one draw of noise against the bias."),
-            ("ramp_rates", figures.ramp_figure(of_axis(ramp, one), levels, of_axis(curve, one), **shared),
-             _RAMP_CAPTION),
-            ("ramp_satellites", figures.satellite_figure(of_axis(satellites, one), described, **shared),
-             "The same ramp on every satellite in view."),
-        ]  # fmt: skip
-        pictures += [_picture(*drawn, one, judged) for drawn in made]
+    described = _describe(g, horizontally=any(axis != VERTICAL for axis in experiment.judged_axes()))
     return Findings(
         summary=satellites_summary(experiment, g, ramp, exact, satellites),
         tables=(
@@ -138,7 +104,6 @@ def by_satellite(experiment: SweepExperiment, execution: Execution) -> Findings:
             Table("ramp_exact", exact),
             Table("satellites", described),
         ),
-        pictures=tuple(pictures),
         notes=notes,
     )
 
@@ -148,7 +113,7 @@ def over_time(experiment: SweepExperiment, execution: Execution) -> Findings:
 
     The counts of every epoch and fault are kept as the rows ``epochs``.
     """
-    ((sweep,), notes), judged = planned(experiment), experiment.judged()
+    (sweep,), notes = planned(experiment)
     # A satellite that is out of view at some epochs, of which the table has a note, is no news on a map.
     rates = sweep.run(experiment, execution)
     by_place = rates_by_place(sweep.rows(execution))
@@ -162,17 +127,6 @@ def over_time(experiment: SweepExperiment, execution: Execution) -> Findings:
             Table("by_bias", of_bias, chart=_rates_chart(of_bias)),
             Table("by_satellite", of_satellite),
             Table("by_epoch_satellite", by_place, stored="parquet"),
-        ),
-        pictures=tuple(
-            _picture(
-                f"map_{event}",
-                figures.map_figure(of_axis(by_place, one), event=event, judged=one, title=experiment.title),
-                f"Rate of the event {event} by epoch and faulted satellite, over all biases.",
-                one,
-                judged,
-            )
-            for one in judged
-            for event in EVENTS
         ),
         notes=notes,
         rows={"epochs": sweep.stored(execution)},
@@ -209,14 +163,6 @@ def _rates_chart(rates: pd.DataFrame, of: str = "", *menus: str) -> Chart:
     """Rates of events against the bias, with a menu of the axes where the table names any."""
     axes = ("axis",) if "axis" in rates else ()
     return Chart(f"Rates of events against the bias{of}", ("method",), event_quantities(rates), menus=(*axes, *menus))
-
-
-def _picture(name: str, figure: Figure, caption: str, one: Judged, judged: tuple[Judged, ...]) -> Picture:
-    """A figure of one axis; of several axes the first keeps the name, and all captions say which they are of."""
-    if len(judged) == 1:
-        return Picture(name, figure, caption)
-    further = "" if one == judged[0] else f"_{one.axis}"
-    return Picture(f"{name}{further}", figure, f"{caption.removesuffix('.')}; judged by {one.limits()}.")
 
 
 def level_table(outcomes: pd.DataFrame) -> pd.DataFrame:
@@ -262,13 +208,20 @@ def _on_every_satellite(experiment: SweepExperiment, g: Geometry) -> Faults:
     return ramps(g, satellites=g.names, **experiment.faults.model_dump(include=set(RampSizes.model_fields)))
 
 
-def _finer(faults: Faults, g: Geometry, steps: int = 100) -> Faults:
+def has_levels(sweep: PlannedSweep) -> bool:
+    """Whether levels are told and the exact curve drawn: of a ramp at one epoch, with Gaussian noise."""
+    sizes_m = sweep.faults.scalar_bias_m
+    is_ramp = np.isfinite(sizes_m).all() and len(np.unique(sizes_m)) == len(sweep.faults) > 1
+    return bool(is_ramp) and not sweep.g.is_series and sweep.noise == GAUSSIAN
+
+
+def finer(faults: Faults, g: Geometry, steps: int = 100) -> Faults:
     """Faults between the first and the last of a ramp, for a smooth curve."""
     part = np.linspace(0.0, 1.0, steps + 1)[:, None]
     return Faults.from_array(g, (1 - part) * faults.bias_m[0] + part * faults.bias_m[-1])
 
 
-def _outcomes(experiment: SweepExperiment, g: Geometry, faults: Faults) -> pd.DataFrame:
+def outcomes_of(experiment: SweepExperiment, g: Geometry, faults: Faults) -> pd.DataFrame:
     """The first draws one by one, see `pl_mc.sample`."""
     return sample(
         g, faults, draws=min(experiment.draws, LEVEL_DRAWS), seed=experiment.seed,

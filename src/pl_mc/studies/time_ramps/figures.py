@@ -10,8 +10,8 @@ import numpy as np
 import pandas as pd
 
 from pl_mc.alert import Judged
-from pl_mc.report.figures import SeriesStyle, bar_lengths, legend_key, limit_line, new_figure, series_style
-from pl_mc.report.findings import picture
+from pl_mc.report.figures import bar_lengths, legend_below, legend_key, limit_line, new_figure
+from pl_mc.report.look import SeriesStyle, styles_of
 from pl_mc.report.text import grouped
 from pl_mc.time_ramps.timing import LIMITS_S
 
@@ -21,13 +21,6 @@ if TYPE_CHECKING:
     from matplotlib.figure import Figure
     from matplotlib.lines import Line2D
 
-# More methods than the common look has styles for.
-_FURTHER = (
-    SeriesStyle("#000000", ":", "x"),
-    SeriesStyle("#888888", "-", "*"),
-    SeriesStyle("#882255", "-.", "<"),
-    SeriesStyle("#44AA99", "--", ">"),
-)
 _UNSEEN: Any = {"color": "0.45", "linestyle": "", "marker": "v", "markerfacecolor": "none"}
 
 
@@ -42,7 +35,6 @@ def same_methods(table: pd.DataFrame) -> list[tuple[str, ...]]:
     return [tuple(names) for names in grouped(counted).values()]
 
 
-@picture("time_to_alert", "Error at the alarm, and its delay after the hazard begins, by the rate of the ramp.")
 def alert_figure(table: pd.DataFrame, *, judged: Judged, title: str) -> Figure:
     """The median error at the alarm, and the delay of the alarm that 95 % of passes keep, against the rate.
 
@@ -55,8 +47,8 @@ def alert_figure(table: pd.DataFrame, *, judged: Judged, title: str) -> Figure:
         2, len(taus), width_in=4.7 * len(taus) + 0.6, height_in=8.4, title=title, sharex=True, sharey="row"
     )
     for tau, upper, lower in zip(taus, axes, axes[len(taus) :], strict=False):
-        for number, group in enumerate(groups):
-            rows, style = ramps[(ramps.tau_s == tau) & (ramps.method == group[0])], series_style(number, _FURTHER)
+        for method, style in _styles(groups).items():
+            rows = ramps[(ramps.tau_s == tau) & (ramps.method == method)]
             heard = rows[rows.detected_rate >= 0.5]
             line(upper, heard.rate_m_per_s, heard.error_at_alert_50_m, style)
             kept = rows[np.isfinite(rows.alert_after_hazard_95_s)]
@@ -77,7 +69,6 @@ def alert_figure(table: pd.DataFrame, *, judged: Judged, title: str) -> Figure:
     return figure
 
 
-@picture("late_alerts", "How often the alarm comes later than 6, 10 and 30 s after the hazard begins.")
 def late_figure(table: pd.DataFrame, *, title: str) -> Figure:
     """The share of passes whose alarm is later than each limit after the error passed its limit, against the rate.
 
@@ -90,8 +81,8 @@ def late_figure(table: pd.DataFrame, *, title: str) -> Figure:
         sharey=True,
     )  # fmt: skip
     for panel, (tau, limit) in zip(axes, ((tau, limit) for tau in taus for limit in LIMITS_S), strict=True):
-        for number, group in enumerate(groups):
-            rows, style = ramps[(ramps.tau_s == tau) & (ramps.method == group[0])], series_style(number, _FURTHER)
+        for method, style in _styles(groups).items():
+            rows = ramps[(ramps.tau_s == tau) & (ramps.method == method)]
             seen = rows[f"late_{limit}"] > 0
             # A line ends where nothing was seen.
             value = rows[f"late_{limit}_rate"].where(seen)
@@ -128,7 +119,13 @@ def _heading(tau: float) -> str:
     return "white errors" if tau == 0 else f"tau {tau:g} s"
 
 
+def _styles(groups: list[tuple[str, ...]]) -> dict[str, SeriesStyle]:
+    """The style of the first method of each group."""
+    return styles_of(group[0] for group in groups)
+
+
 def _legend(figure: Figure, groups: list[tuple[str, ...]], *more: Line2D) -> None:
     names = ["\n".join(textwrap.wrap(" = ".join(group), 44)) for group in groups]
-    keys = [legend_key(name, markersize=5, **series_style(k, _FURTHER).look) for k, name in enumerate(names)]
-    figure.legend(handles=[*keys, *more], loc="outside lower center", ncols=3)
+    styles = _styles(groups).values()
+    keys = [legend_key(name, markersize=5, **style.look) for name, style in zip(names, styles, strict=True)]
+    legend_below(figure, columns=3, side="center", keys=[*keys, *more])

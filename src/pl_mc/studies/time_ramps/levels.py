@@ -11,8 +11,8 @@ import pandas as pd
 from pl_mc.alert import Judged
 from pl_mc.geometry import Geometry
 from pl_mc.report.document import Block, Heading, TextTable
-from pl_mc.report.figures import legend_key, limit_line, new_figure, series_style
-from pl_mc.report.findings import picture
+from pl_mc.report.figures import legend_below, legend_key, limit_line, new_figure
+from pl_mc.report.look import styles_of
 from pl_mc.report.text import metres, probability_text
 from pl_mc.studies.time_ramps.figures import line, plain_ticks
 from pl_mc.time_ramps import FilterBank, sequential_levels
@@ -92,17 +92,16 @@ def level_sentence(table: pd.DataFrame) -> str:
     )
 
 
-@picture("levels", "What the levels let pass under ramps of each rate, exactly, and how soon their tests alarm.")
 def levels_figure(table: pd.DataFrame, *, judged: Judged, title: str) -> Figure:
     """The largest probability of misleading information, and the mean error at a likely alarm, against the rate."""
     ramps, ((_, _, limit_m),) = table[table.rate_m_per_s > 0], judged.levels
-    taus, names = list(dict.fromkeys(ramps.tau_s)), list(dict.fromkeys(ramps.method))
+    taus, styles = list(dict.fromkeys(ramps.tau_s)), styles_of(ramps.method)
     figure, axes = new_figure(
         2, len(taus), width_in=4.7 * len(taus) + 0.6, height_in=8.0, title=title, sharex=True, sharey="row"
     )
     for tau, upper, lower in zip(taus, axes, axes[len(taus) :], strict=False):
-        for number, name in enumerate(names):
-            rows, look = ramps[(ramps.tau_s == tau) & (ramps.method == name)], series_style(number)
+        for name, look in styles.items():
+            rows = ramps[(ramps.tau_s == tau) & (ramps.method == name)]
             line(upper, rows.rate_m_per_s, rows.misleading.where(rows.misleading >= _LEAST), look)
             line(lower, rows.rate_m_per_s, rows.error_at_alarm_50_m, look)
         upper.set(xscale="log", yscale="log")
@@ -112,8 +111,8 @@ def levels_figure(table: pd.DataFrame, *, judged: Judged, title: str) -> Figure:
         lower.set_xlabel("rate of the ramp [m/s]")
         limit_line(lower, limit_m, judged.limits())
     plain_ticks(axes[len(taus)].yaxis, (1, 2, 3, 5, 7, 10, 15, 20, 30, 50, 70, 100, 200, 300, 500))
-    keys = [legend_key(name, markersize=5, **series_style(k).look) for k, name in enumerate(names)]
-    figure.legend(handles=keys, loc="outside lower center", ncols=3)
+    keys = [legend_key(name, markersize=5, **style.look) for name, style in styles.items()]
+    legend_below(figure, columns=3, side="center", keys=keys)
     return figure
 
 

@@ -17,11 +17,12 @@ from pl_mc.geometry import Geometry, redundancy_numbers
 from pl_mc.input_errors import InputError
 from pl_mc.methods import Igg3
 from pl_mc.report.document import Block, Heading, Paragraph, Summary, TextTable
-from pl_mc.report.findings import Findings, Table
+from pl_mc.report.findings import Findings, Picture, Table
 from pl_mc.report.text import metres, rate_text, row_rate, span
 from pl_mc.runtime.progress import with_progress
 from pl_mc.statistics import ls_quantities
-from pl_mc.studies.spec import ByOneLevel, NamedChoice, SimulatedGeometry, once
+from pl_mc.studies.spec import ByOneLevel, NamedChoice, SimulatedGeometry
+from pl_mc.studies.strict import once
 from pl_mc.studies.study import Check, Work, refuse
 from pl_mc.studies.time_ramps.figures import alert_figure, late_figure, same_methods
 from pl_mc.studies.time_ramps.levels import level_blocks, level_sentence, levels_figure, levels_of_banks
@@ -122,7 +123,6 @@ def run(experiment: TimeRampsExperiment, execution: Execution) -> Findings:
         for method in dict.fromkeys(table.method)
         if method not in set(shown.method)
     )
-    of_levels = () if levels is None else (levels_figure(levels, judged=judged, title=experiment.title),)
     return Findings(
         summary=summary(shown, geometry, experiment) + (() if levels is None else tuple(level_blocks(levels, judged))),
         tables=(
@@ -130,13 +130,28 @@ def run(experiment: TimeRampsExperiment, execution: Execution) -> Findings:
             *(() if levels is None else (Table("levels", levels),)),
             Table("geometry", geometry),
         ),
-        pictures=(
-            alert_figure(shown, judged=judged, title=experiment.title),
-            late_figure(shown, title=experiment.title),
-            *of_levels,
-        ),
         notes=g.notes + left_out + notes_on_igg3(experiment, int(geometry.redundant.max())),
     )
+
+
+def pictures(stored: Mapping[str, pd.DataFrame], experiment: TimeRampsExperiment) -> tuple[Picture, ...]:
+    """Errors and delays at the alarm, late alarms, and levels where there are any."""
+    judged, title = experiment.decides, experiment.title
+    made = (
+        Picture(
+            "time_to_alert", "Error at the alarm, and its delay after the hazard begins, by the rate of the ramp.",
+            lambda: alert_figure(comparable(stored["time_to_alert"]), judged=judged, title=title),
+        ),
+        Picture(
+            "late_alerts", "How often the alarm comes later than 6, 10 and 30 s after the hazard begins.",
+            lambda: late_figure(comparable(stored["time_to_alert"]), title=title),
+        ),
+    )  # fmt: skip
+    levels = Picture(
+        "levels", "What the levels let pass under ramps of each rate, exactly, and how soon their tests alarm.",
+        lambda: levels_figure(stored["levels"], judged=judged, title=title),
+    )  # fmt: skip
+    return (*made, levels) if "levels" in stored else made
 
 
 def work(experiment: TimeRampsExperiment) -> Work:

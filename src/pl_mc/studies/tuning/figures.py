@@ -8,16 +8,8 @@ import numpy as np
 import pandas as pd
 
 from pl_mc.alert import Judged
-from pl_mc.report.figures import (
-    DOTTED,
-    SeriesStyle,
-    bar_lengths,
-    in_common_look,
-    legend_below,
-    new_figure,
-    note,
-    series_style,
-)
+from pl_mc.report.figures import DOTTED, bar_lengths, legend_below, new_figure, note
+from pl_mc.report.look import SeriesStyle, series_style
 from pl_mc.studies.tuning.text import PRICES
 
 if TYPE_CHECKING:
@@ -35,7 +27,6 @@ _LABELS = {
 _SMALLEST = 1e-7
 
 
-@in_common_look
 def tuning_figure(table: pd.DataFrame, *, judged: Judged, title: str) -> Figure:
     """Mean level and fault-free alarms of least squares, the default and the tuned limits, target by target."""
     targets, limit, ((pl, level, limit_m),) = list(dict.fromkeys(table.target)), judged.limits(), judged.levels

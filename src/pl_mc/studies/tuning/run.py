@@ -7,9 +7,9 @@ fresh draws, each with the multiplier that it needs itself; least squares stands
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import replace
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 import pandas as pd
@@ -35,6 +35,9 @@ from pl_mc.studies.study import Work
 from pl_mc.studies.tuning.figures import tuning_figure
 from pl_mc.studies.tuning.record import TuningExperiment
 from pl_mc.studies.tuning.text import each_once, summary
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
 
 # Scenarios a second on two cores, from the seconds in the manifest of the shipped experiment.
 _SCENARIOS_PER_S = 6.0e5
@@ -77,14 +80,18 @@ def run(experiment: TuningExperiment, execution: Execution) -> Findings:
     return Findings(
         summary=summary(table, worst, experiment, g, faults),
         tables=(Table("tuned", table), *(() if worst is None else (Table("worst", worst),))),
-        pictures=(
-            Picture(
-                "tuning", tuning_figure(table, judged=judged, title=experiment.title),
-                "Mean level and fault-free alarms of default and tuned limits, each with the multiplier it needs.",
-            ),
-        ),
         notes=g.notes,
-    )  # fmt: skip
+    )
+
+
+def pictures(stored: Mapping[str, pd.DataFrame], experiment: TuningExperiment) -> tuple[Picture, ...]:
+    """Levels and alarms of all limits."""
+    caption = "Mean level and fault-free alarms of default and tuned limits, each with the multiplier it needs."
+
+    def draw() -> Figure:
+        return tuning_figure(stored["tuned"], judged=experiment.decides, title=experiment.title)
+
+    return (Picture("tuning", caption, draw),)
 
 
 def work(experiment: TuningExperiment) -> Work:

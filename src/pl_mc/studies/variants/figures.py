@@ -7,23 +7,20 @@ from typing import TYPE_CHECKING, Any
 import pandas as pd
 
 from pl_mc.alert import Judged
-from pl_mc.report.figures import DOTTED, SeriesStyle, in_common_look, new_figure, note, series_style
+from pl_mc.report.figures import DOTTED, new_figure, note
+from pl_mc.report.look import styles_of
 from pl_mc.statistics.intervals import clopper_pearson
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
 
-# Drawn in every panel: what the variants are compared with. The default is broad and pale below the others: to be
-# seen where they coincide.
-_IN_ALL: dict[str, tuple[SeriesStyle, dict[str, Any]]] = {
-    "default": (SeriesStyle("0.0", "-", ""), {"linewidth": 4.5, "alpha": 0.3, "zorder": 2.0}),
-    "": (SeriesStyle("0.55", "--", ""), {}),
-}
+# Of the default, which is drawn in every panel with least squares: broad and pale below the others, to be seen where
+# they coincide.
+_DEFAULT: dict[str, Any] = {"linewidth": 4.5, "alpha": 0.3, "zorder": 2.0, "marker": ""}
 _EVENTS = ("alarm", "misleading")
 
 
-@in_common_look
 def variants_figure(rates: pd.DataFrame, faults: pd.DataFrame, *, judged: Judged, title: str) -> Figure:
     """Alarm and misleading rates against the bias; a row of panels per group, two columns per class of faults.
 
@@ -73,18 +70,17 @@ def variants_figure(rates: pd.DataFrame, faults: pd.DataFrame, *, judged: Judged
 
 def _draw(panel: Axes, rates: pd.DataFrame, event: str) -> None:
     """The curves of one panel with their 95 % intervals."""
-    number = 0
-    for (group, variant), curve in rates.groupby(["group", "variant"], sort=False):
-        style, options = _IN_ALL.get(str(variant), _IN_ALL[""])
-        if group:
-            style, options = series_style(number), {}
-            number += 1
+    groups = rates.groupby(["group", "variant"], sort=False)
+    # The default is the IGG-III of other figures.
+    styles = styles_of({"default": "igg3"}.get(str(variant), str(variant)) for (_, variant), _ in groups)
+    for ((group, variant), curve), style in zip(groups, styles.values(), strict=True):
+        options = _DEFAULT if variant == "default" and not group else {}
         label = {"ls": "least squares"}.get(str(variant), str(variant))
         rate, low, high = (curve[f"{event}_{part}"] for part in ("rate", "low", "high"))
         if event == "misleading":
             rate, low, high = (values.where(curve.misleading_rate > 0) for values in (rate, low, high))
         panel.fill_between(curve.bias_m, low, high, color=style.colour, alpha=0.15, linewidth=0)
         panel.plot(
-            curve.bias_m, rate, style.line, marker=style.marker, markersize=3.2, color=style.colour, label=label,
-            **{"linewidth": 1.4, "zorder": 2.5, **options},
+            curve.bias_m, rate, **{**style.look, "markersize": 3.2, "label": label, "linewidth": 1.4, "zorder": 2.5}
+            | options,
         )  # fmt: skip

@@ -10,7 +10,8 @@ from pydantic import Field
 from pl_mc.input_errors import InputError
 from pl_mc.methods import Igg3, Method, as_methods, method
 from pl_mc.studies.fault_fields import RampSizes
-from pl_mc.studies.spec import ByOneLevel, MethodChoice, SimulatedGeometry, Strict
+from pl_mc.studies.spec import ByOneLevel, MethodChoice, SimulatedGeometry
+from pl_mc.studies.strict import Strict
 
 # The variant that has nothing but defaults.
 DEFAULT = "default"

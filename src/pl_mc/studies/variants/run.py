@@ -7,7 +7,10 @@ what the weights did, since the rates alone do not tell swamping from collapse.
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import asdict, dataclass
+from functools import partial
+from typing import TYPE_CHECKING
 
 import numpy as np
 import pandas as pd
@@ -27,6 +30,9 @@ from pl_mc.studies.planned_sweep import PlannedSweep
 from pl_mc.studies.variants.figures import variants_figure
 from pl_mc.studies.variants.record import DEFAULT, VariantsExperiment
 from pl_mc.studies.variants.text import DOUBLE, NONE, summary, worst_table
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
 
 STRONGEST, WEAKEST = "strongest", "weakest"
 MEDIAN, INFLUENCE = "median redundancy", "largest influence"
@@ -174,19 +180,22 @@ def run(experiment: VariantsExperiment, execution: Execution) -> Findings:
             Table("swamping", swamping, chart=_chart("What the weights did against the bias", _OF_WEIGHTS)),
             Table("faults", described),
         ),
-        pictures=tuple(
-            Picture(
-                f"variants_{geometry}",
-                variants_figure(
-                    *(table[table.geometry == geometry] for table in (variants, described)),
-                    judged=experiment.decides,
-                    title=f"{experiment.title}: {geometry} geometry",
-                ),
-                f"Every variant at the {geometry} geometry: rates against the bias.",
-            )
-            for geometry in (WEAKEST, STRONGEST)
-        ),
         notes=planned.g.notes,
+    )
+
+
+def pictures(stored: Mapping[str, pd.DataFrame], experiment: VariantsExperiment) -> tuple[Picture, ...]:
+    """The variants at each geometry."""
+
+    def draw(geometry: str) -> Figure:
+        rates, faults = (table[table.geometry == geometry] for table in (stored["variants"], stored["faults"]))
+        title = f"{experiment.title}: {geometry} geometry"
+        return variants_figure(rates, faults, judged=experiment.decides, title=title)
+
+    caption = "Every variant at the {} geometry: rates against the bias."
+    return tuple(
+        Picture(f"variants_{geometry}", caption.format(geometry), partial(draw, geometry))
+        for geometry in (WEAKEST, STRONGEST)
     )
 
 

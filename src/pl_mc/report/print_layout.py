@@ -1,0 +1,197 @@
+"""Figures at a width of one's own: panels that find room, sizes of print, legends below, greys."""
+
+from __future__ import annotations
+
+import textwrap
+from collections.abc import Callable
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from pl_mc.report.artists import Sheet
+from pl_mc.report.look import Look, look_now
+
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
+    from matplotlib.colors import Colormap
+    from matplotlib.text import Text
+
+# How much smaller print is than a screen: text, and panels at the least.
+_TEXT, _LEAST = 0.82, 0.5
+_LOWEST_PANEL_IN = 1.35
+# Sizes of text [points], of lines and of markers.
+_SMALLEST_PT, _LARGEST_PT = 7.0, 8.0
+_LINE, _THINNEST_PT, _MARKER = 0.75, 0.5, 0.8
+# The lightest colour of a map in greys: what was not seen is lighter still.
+_LIGHTEST = 0.82
+
+
+def laid_out(
+    figure: Sheet, rows: int, columns: int, *, look: Look, listed: bool, sharex: Any = False, sharey: Any = False,
+    subplot_kw: Any = None, gridspec_kw: Any = None,
+) -> list[Axes]:  # fmt: skip
+    """Axes row by row; columns that find no room stand below the others, all rows of them together."""
+    width_in = look.width_in
+    assert width_in is not None
+    natural_width, natural_height = figure.get_size_inches()
+    across = look.columns_that_fit(columns)
+    blocks = -(-columns // across)
+    scale = float(np.clip(width_in / across / (natural_width / columns), _LEAST, _TEXT if look.is_print else 1.0))
+    height_in = natural_height * (max(scale, _TEXT) if listed else scale) * blocks
+    figure.set_size_inches(width_in, height_in if listed else max(height_in, _LOWEST_PANEL_IN * rows * blocks))
+    grid = figure.add_gridspec(rows * blocks, across, **((gridspec_kw or {}) if blocks == 1 else {}))
+    made: dict[tuple[int, int], Axes] = {}
+    for row in range(rows):
+        for column in range(columns):
+            block, place = divmod(column, across)
+            shared: dict[str, Any] = {
+                "sharex": _first(made, sharex, along="row", row=row, column=column),
+                "sharey": _first(made, sharey, along="col", row=row, column=column),
+            }
+            panel = figure.add_subplot(grid[block * rows + row, place], **shared, **(subplot_kw or {}))
+            if sharex in (True, "all", "col") and row < rows - 1:
+                panel.tick_params(labelbottom=False)
+            if sharey in (True, "all", "row"):
+                if place:
+                    panel.tick_params(labelleft=False)
+                elif block:
+                    figure.named_like.append((panel, made[row, 0]))
+            made[row, column] = panel
+    return list(made.values())
+
+
+def _first(made: dict[tuple[int, int], Axes], shared: Any, *, along: str, row: int, column: int) -> Axes | None:
+    """The panel whose axis another one has."""
+    places = {True: (0, 0), "all": (0, 0), "row": (row, 0), "col": (0, column)}
+    return made.get(places[shared]) if shared in places and shared is not False else None
+
+
+def finish(figure: Sheet) -> None:
+    """What a complete figure still needs at its width."""
+    look = look_now()
+    for panel, other in figure.named_like:
+        if not panel.get_ylabel() and panel.get_visible():
+            panel.set_ylabel(other.get_ylabel())
+    if look.is_print:
+        _sizes(figure)
+    if figure.keys:
+        _legend(figure)
+    _wrapped(figure)
+    if look.style == "grey":
+        _in_greys(figure)
+
+
+def _sizes(figure: Sheet) -> None:
+    """Text of 7 to 8 points, thin lines, small markers."""
+    from matplotlib.collections import LineCollection
+    from matplotlib.lines import Line2D
+    from matplotlib.text import Text
+
+    # Keys of a legend may be drawn nowhere else.
+    for artist in dict.fromkeys([*figure.findobj(), *figure.keys.values()]):
+        if isinstance(artist, Text):
+            artist.set_fontsize(float(np.clip(_TEXT * float(artist.get_fontsize()), _SMALLEST_PT, _LARGEST_PT)))
+        elif isinstance(artist, Line2D):
+            if artist.get_linewidth():
+                artist.set_linewidth(max(_LINE * float(artist.get_linewidth()), _THINNEST_PT))
+            artist.set_markersize(_MARKER * float(artist.get_markersize()))
+        elif isinstance(artist, LineCollection):
+            artist.set_linewidth(list(np.maximum(_LINE * np.ravel(artist.get_linewidth()), _THINNEST_PT)))
+
+
+def _legend(figure: Sheet) -> None:
+    """One legend below all panels, with as many columns as find room."""
+    width = figure.get_figwidth() * figure.dpi
+    renderer = figure.canvas.get_renderer()  # type: ignore[attr-defined]
+    size: Any = {"fontsize": _SMALLEST_PT} if look_now().is_print else {}
+    for columns in range(min(len(figure.keys), 6), 0, -1):
+        made = figure.legend(
+            list(figure.keys.values()), list(figure.keys), loc="outside lower left", ncols=columns, handlelength=2.4,
+            columnspacing=1.2, borderaxespad=0.1, **size,
+        )  # fmt: skip
+        if columns == 1:
+            # What is wider still goes on in another line.
+            for text in made.get_texts():
+                _wrap(text, 0.86 * width, renderer)
+        if made.get_window_extent(renderer).width <= 0.98 * width or columns == 1:
+            return
+        made.remove()
+
+
+def _wrapped(figure: Sheet) -> None:
+    """Titles and names of axes within their panels."""
+    figure.draw_without_rendering()
+    renderer = figure.canvas.get_renderer()  # type: ignore[attr-defined]
+    for panel in figure.axes:
+        box = panel.get_window_extent(renderer)
+        # A title may go on above what stands to the right of the panel, not above another panel.
+        for title in (panel.title, getattr(panel, "_left_title", None)):
+            if title is not None:
+                _wrap(title, box.width, renderer)
+        _wrap(panel.xaxis.label, 1.05 * box.width, renderer)
+        _wrap(panel.yaxis.label, 1.05 * box.height, renderer, upright=True)
+
+
+def _wrap(text: Text, room: float, renderer: Any, *, upright: bool = False) -> None:
+    """A text in lines that find room."""
+
+    def needed() -> float:
+        extent = text.get_window_extent(renderer)
+        return float(extent.height if upright else extent.width)
+
+    words = text.get_text()
+    if not words or needed() <= room:
+        return
+    longest = max(map(len, words.splitlines()))
+    for letters in range(int(longest * room / needed()) + 3, 11, -1):
+        lines = [part for line in words.splitlines() for part in textwrap.wrap(line, letters, break_long_words=False)]
+        text.set_text("\n".join(lines))
+        if needed() <= room:
+            return
+
+
+def _in_greys(figure: Sheet) -> None:
+    """Every colour by its lightness; maps of colours from dark to light as they were."""
+    from matplotlib.collections import Collection
+    from matplotlib.image import AxesImage
+    from matplotlib.lines import Line2D
+    from matplotlib.patches import Patch
+    from matplotlib.text import Text
+
+    for artist in figure.findobj():
+        if isinstance(artist, Collection | AxesImage) and artist.get_array() is not None:
+            artist.set_cmap(_grey_map(artist.get_cmap()))
+        elif isinstance(artist, Collection | Patch):
+            _to_grey(artist.get_facecolor, artist.set_facecolor)
+            _to_grey(artist.get_edgecolor, artist.set_edgecolor)
+        elif isinstance(artist, Line2D):
+            _to_grey(artist.get_color, artist.set_color)
+            _to_grey(artist.get_markerfacecolor, artist.set_markerfacecolor)
+            _to_grey(artist.get_markeredgecolor, artist.set_markeredgecolor)
+        elif isinstance(artist, Text):
+            _to_grey(artist.get_color, artist.set_color)
+
+
+def _to_grey(get: Callable[[], Any], put: Callable[[Any], None]) -> None:
+    from matplotlib.colors import to_rgba_array
+
+    given = get()
+    if isinstance(given, str) and given in ("none", "auto"):
+        return
+    colours = to_rgba_array(given)
+    if len(colours) and np.ptp(colours[:, :3], axis=1).max() > 0:
+        made = np.column_stack([np.repeat(_lightness(colours)[:, None], 3, axis=1), colours[:, 3]])
+        put(made if np.ndim(given) > 1 else tuple(made[0]))
+
+
+def _lightness(colours: Any) -> Any:
+    """(k,), what a colour weighs in grey (ITU-R BT.601)."""
+    return colours[:, :3] @ np.array([0.299, 0.587, 0.114])
+
+
+def _grey_map(colours: Colormap) -> Colormap:
+    from matplotlib.colors import ListedColormap
+
+    grey = _lightness(colours(np.linspace(0.0, 1.0, colours.N)))
+    grey = grey * _LIGHTEST / max(float(grey.max()), 1e-9)
+    return ListedColormap(np.repeat(grey[:, None], 3, axis=1))
