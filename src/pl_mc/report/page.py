@@ -26,6 +26,7 @@ from pl_mc.input_errors import InputError, system_reason
 from pl_mc.report.charts import charts_of
 from pl_mc.report.document import Block, FigureEntry, Heading, Paragraph
 from pl_mc.report.run_folder import RunFolder, flat_fields, value_text
+from pl_mc.runtime.typed_command import without_home
 from pl_mc.runtime.whole_files import write_whole
 
 PAGE = "report.html"
@@ -130,7 +131,7 @@ def page_of_run(run: RunFolder, *, meanings: Mapping[str, str], shown_as: Path) 
         "tables": page_tables({name: run.tables[name] for name in shown}),
         "fields": fields_table(run.experiment, meanings),
         "inputs": run.manifest.get("inputs") or {},
-        "folder": shown_as.as_posix(),
+        "folder": without_home(shown_as.as_posix()),
     }
     light = render("report.html", content | {"figures": []})
     spare = MOST_BYTES - len(light.encode()) - 4_000 * len(document.figures) - 10_000
