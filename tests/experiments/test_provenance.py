@@ -1,4 +1,4 @@
-"""What a manifest says of a run: date, command, code, packages, machine, seeds; nothing of a person's folders or host."""
+"""What a manifest says of a run: date, command, code, packages, machine, seeds; no person's folder and no host."""
 
 from __future__ import annotations
 

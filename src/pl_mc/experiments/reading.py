@@ -10,12 +10,13 @@ from typing import Any
 
 import pandas as pd
 
-from pl_mc.experiments.field_meanings import meanings_of
+from pl_mc.experiments.assuming import assumed_of
 from pl_mc.experiments.loading import build_experiment, in_this_version
 from pl_mc.experiments.output import record_page, result_folder
 from pl_mc.experiments.running import RunResult
 from pl_mc.experiments.source_files import experiment_of
 from pl_mc.input_errors import InputError, shown, system_reason
+from pl_mc.report.assumed import Assumed
 from pl_mc.report.charts import charts_of
 from pl_mc.report.comparison import Comparison, combined_tables, compare_runs, row_name
 from pl_mc.report.document import Document, FigureEntry, TableEntry
@@ -43,9 +44,9 @@ def remake_page(folder: Path) -> RunResult:
             stored no report and whose experiment means nothing today.
     """
     run = read_run_folder(folder)
-    document, meanings = _document(run)
+    document, assumed = _document(run)
     try:
-        write_page(replace(run, document=document), meanings=meanings)
+        write_page(replace(run, document=document), assumed=assumed)
         record_page(folder, PAGE)
     except (LookupError, TypeError, ValueError, AttributeError, OverflowError, RecursionError) as error:
         if isinstance(error, InputError):
@@ -58,19 +59,19 @@ def remake_page(folder: Path) -> RunResult:
     return RunResult(folder=folder, summary=run.summary, notes=notes, answer=document.answer, page=PAGE)
 
 
-def _document(run: RunFolder) -> tuple[Document, dict[str, str]]:
-    """What a run has to say, and what the fields of its experiment mean."""
+def _document(run: RunFolder) -> tuple[Document, Assumed | None]:
+    """What a run has to say, and what its experiment assumes; nothing of that where this version cannot tell."""
     try:
-        experiment = build_experiment(run.experiment, source=MANIFEST)
+        experiment = build_experiment(experiment_of(run.manifest), source=MANIFEST)
     except InputError as error:
-        # A run of another version may have fields that this one does not know; the page does without their meaning.
+        # A run of another version may have fields that this one does not know; the page does without their meanings.
         if run.document is None:
             raise InputError(
                 f"{run.folder}: it holds no report.json, and its experiment is not one of today, from which the page "
                 f"could be made ({error})."
             ) from None
-        return run.document, {}
-    return run.document or document_of_files(run, experiment), meanings_of(experiment)
+        return run.document, None
+    return run.document or document_of_files(run, experiment), assumed_of(experiment)
 
 
 def tex_of(folder: Path, place: Path) -> str:

@@ -14,7 +14,7 @@ from pathlib import Path
 from typing import Any
 
 from pl_mc.engine import Execution, checkpoint_store
-from pl_mc.experiments.field_meanings import meanings_of
+from pl_mc.experiments.assuming import assumed_of
 from pl_mc.experiments.loading import build_experiment
 from pl_mc.experiments.output import (
     RECORD,
@@ -30,6 +30,7 @@ from pl_mc.experiments.output import (
     writing,
 )
 from pl_mc.input_errors import InputError, system_reason
+from pl_mc.report.assumed import ASSUMED
 from pl_mc.report.files import to_markdown, write_findings
 from pl_mc.report.page import PAGE, write_page
 from pl_mc.report.run_folder import MANIFEST, folder_name, read_run_folder
@@ -110,9 +111,11 @@ def run_experiment(
             val_m=experiment.alert_limits().vertical_m,
             hal_m=experiment.alert_limits().horizontal_m,
         )
+        assumed = assumed_of(experiment)
+        write_whole(working / ASSUMED, assumed.markdown(document.title, document.notes))
         seconds = time.perf_counter() - begin
         write_manifest(working, name=name, experiment=experiment, notes=document.notes, seconds=seconds)
-        write_page(read_run_folder(working), meanings=meanings_of(experiment), shown_as=folder)
+        write_page(read_run_folder(working), assumed=assumed, shown_as=folder)
         record_page(working, PAGE)
     notes = tuple(dict.fromkeys([*said, *document.notes]))
     summary = to_markdown(document.title, document.summary, notes)

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import io
 import re
+import shlex
 from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
@@ -147,7 +148,8 @@ def folder_name(name: object, *, source: str) -> str:
 
 def _in_form(manifest: dict[str, Any]) -> dict[str, Any]:
     """The manifest as a page takes it, whatever stands in it: what is missing or of another form is left out."""
-    given = {field: manifest[field] for field in ("versions", "machine", "noise", "inputs") if field in manifest}
+    parted = ("versions", "machine", "noise", "inputs", "code")
+    given = {field: manifest[field] for field in parted if field in manifest}
     tables = {field: value if isinstance(value, dict) else {} for field, value in given.items()}
     inputs = {
         field: {key: str(record.get(key, "unknown")) for key in ("file", "sha256")}
@@ -156,7 +158,10 @@ def _in_form(manifest: dict[str, Any]) -> dict[str, Any]:
     }
     versions = {"pl_mc": "of an unknown version"} | tables.get("versions", {})
     notes = manifest.get("notes")
-    parts: dict[str, Any] = {"machine": {}, "noise": {}} | tables | {"inputs": inputs, "versions": versions}
+    command, date = manifest.get("command"), manifest.get("date")
+    parts: dict[str, Any] = {"machine": {}, "noise": {}, "code": {}} | tables | {"inputs": inputs, "versions": versions}
+    parts["command"] = shlex.join(map(str, command)) if isinstance(command, list) else ""
+    parts["date"] = date if isinstance(date, str) else ""
     return manifest | parts | {"notes": notes if isinstance(notes, list) else []}
 
 

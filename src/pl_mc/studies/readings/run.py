@@ -64,6 +64,10 @@ class ReadingsExperiment(ByOneAxis):
     redraws: int = Field(default=20, ge=0)
     readings: Annotated[tuple[Reading, ...], Field(min_length=1)]
 
+    def base(self) -> SeriesExperiment:
+        """The base, of which no reading changes anything."""
+        return self.series(Reading(label="base", varies="nothing"))
+
     def series(self, reading: Reading) -> SeriesExperiment:
         """The series of one reading; an `InputError` names an unsound field."""
         content = self.model_dump(include={"alert", "axes", "seed", "precision", "compare", "redraws"}) | {
