@@ -114,6 +114,10 @@ def test_a_message_takes_the_place_of_an_option_s_default(tmp_path: Path) -> Non
     found = conditions(methods=[{"name": "araim", "ism": str(ism)}])
     assert found["methods.0.ism"].said == "mine.csv"
     assert not {"methods.0.p_sat", "methods.0.p_const", "methods.0.b_nom_m"} & set(found)
+    by_message = {"name": "araim", "ism": str(ism)}
+    found = conditions(methods=[by_message, {"name": "araim", "p_sat": 1e-4}, {"name": "araim", "b_nom_m": 0.5}])
+    assert [found[f"methods.{k}.p_sat"].said for k in (1, 2)] == ["0.0001", "1e-05 (by default)"]
+    assert found["methods.1.b_nom_m"].said == "0.75 (by default)"
     found = conditions(methods=[{"name": "araim", "ism": {"p_sat": 1e-4, "p_const": 0.0, "b_nom_m": 0.5}}])
     assert found["methods.0.ism.p_sat"].sentence == (
         "`methods.0.ism.p_sat` is `0.0001`: prior probability of a fault of the satellite."

@@ -2,16 +2,19 @@
 
 from __future__ import annotations
 
+import os
 from pathlib import Path
 
 from pl_mc.cli.printing import Flag, Json, Progress, Quiet, print_json, result_content
 from pl_mc.input_errors import InputError
 
 
-def report(folder: Path, /, *, tex: Path | None = None, json: Json = False, quiet: Quiet = False) -> None:
+def report(
+    folder: Path, /, *, tex: Path | None = None, bundle: Path | None = None, json: Json = False, quiet: Quiet = False
+) -> None:
     """Make the page of a run, `report.html`, again from what its results folder holds.
 
-    Example: `pl-mc report runs/ramp`
+    Examples: `pl-mc report runs/ramp`; `pl-mc report runs/ramp --bundle ramp.zip`
 
     Parameters
     ----------
@@ -19,19 +22,27 @@ def report(folder: Path, /, *, tex: Path | None = None, json: Json = False, quie
         A results folder.
     tex
         A `.tex` file for the tables of the summary in LaTeX (booktabs), beside the page.
+    bundle
+        A `.zip` file to hand over: the results, the experiment, what was assumed, the packages, and how to verify
+        and redo them.
     json
         Print folder, files, answer and notes as JSON.
     quiet
         Print the path of the page alone.
     """
-    from pl_mc.experiments.reading import remake_page, tex_of, write_tex
+    from pl_mc.experiments.bundling import SUFFIX, write_bundle
+    from pl_mc.experiments.reading import remake_page, require_place, tex_of, write_tex
 
     tables = None if tex is None else tex_of(folder, tex)
+    if bundle is not None:
+        require_place("--bundle", bundle, SUFFIX, folder)
     result = remake_page(folder)
     if tex is not None and tables is not None:
         write_tex(tex, tables)
+    if bundle is not None:
+        write_bundle(folder, bundle)
     if json:
-        print_json(result_content(result))
+        print_json(result_content(result, bundle=bundle))
     elif quiet:
         print(folder / result.page)
     else:
@@ -39,7 +50,8 @@ def report(folder: Path, /, *, tex: Path | None = None, json: Json = False, quie
             print(sentence)
         for note in result.notes:
             print(f"- {note}")
-        print(f"Report: {folder / result.page}{f', tables: {tex}' if tex is not None else ''}")
+        made = [("Report", folder / result.page), ("tables", tex), ("bundle", bundle)]
+        print(", ".join(f"{what}: {path}" for what, path in made if path is not None))
 
 
 def compare(first: Path, second: Path, /, *, out: Path | None = None, json: Json = False, quiet: Quiet = False) -> None:
@@ -74,18 +86,18 @@ def compare(first: Path, second: Path, /, *, out: Path | None = None, json: Json
 
 
 def verify(
-    folder: Path, /, *, partial: Flag = False, redo: Flag = False, progress: Progress = None, json: Json = False,
+    results: Path, /, *, partial: Flag = False, redo: Flag = False, progress: Progress = None, json: Json = False,
     quiet: Quiet = False,
 ) -> int:  # fmt: skip
-    """Hold a results folder against its manifest: files, inputs, and with `--redo` the numbers. Exit code 1 where one
-    differs.
+    """Hold a results folder, or a bundle of one, against its manifest: files, inputs, and with `--redo` the numbers.
+    Exit code 1 where one differs.
 
-    Example: `pl-mc verify results/ramp --partial --redo`
+    Examples: `pl-mc verify results/ramp --partial --redo`; `pl-mc verify ramp.zip`
 
     Parameters
     ----------
-    folder
-        A results folder.
+    results
+        A results folder, or the `.zip` file that `pl-mc report --bundle` made of one.
     partial
         Files that are not there were left out on purpose.
     redo
@@ -95,11 +107,13 @@ def verify(
     quiet
         Print the last line alone.
     """
+    from pl_mc.experiments.bundling import verify_bundle
     from pl_mc.experiments.verifying import verify as verified
 
     if progress is not None and not redo:
         raise InputError("--progress: it does nothing without --redo; leave it out.")
-    found = verified(folder, partial=partial, redo=redo, progress=progress)
+    act = verify_bundle if os.path.isfile(results) else verified
+    found = act(results, partial=partial, redo=redo, progress=progress)
     if json:
         print_json(found.content())
     else:

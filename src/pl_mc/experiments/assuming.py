@@ -8,7 +8,6 @@ from __future__ import annotations
 import dataclasses
 import inspect
 from collections.abc import Iterator, Mapping
-from pathlib import Path
 from typing import Any
 
 from pydantic import BaseModel
@@ -26,7 +25,8 @@ from pl_mc.methods.registry import METHODS
 from pl_mc.noise_models.registry import NOISE_MODELS
 from pl_mc.report.assumed import Assumed, Condition
 from pl_mc.report.run_folder import flat_fields, value_text
-from pl_mc.studies.spec import Experiment, NamedChoice, ism_files
+from pl_mc.studies.file_fields import without_folders
+from pl_mc.studies.spec import Experiment, NamedChoice
 from pl_mc.time_ramps.timing import SEQUENTIAL
 
 THREAT, ERRORS, LIMITS, SKY, METHOD, COUNTED = (
@@ -84,12 +84,17 @@ _LITERATURE = (("misleading", "misleading information (MI)"), ("missed", "hazard
 
 def assumed_of(experiment: Experiment) -> Assumed:
     """All that an experiment assumes."""
-    places = {*experiment.input_files().values(), *ism_files(experiment.model_dump(mode="json")).values()}
-    base = getattr(experiment, "base", None)
-    parts = {} if base is None else {name: getattr(base(), name) for name in ("source", "faults")}
-    walk = _Walk(frozenset(map(str, places)), parts)
-    found = sorted(walk.record(experiment, ""), key=lambda one: list(TOPICS).index(one.topic))
+    found = sorted(_Walk(_parts(experiment)).record(experiment, ""), key=lambda one: list(TOPICS).index(one.topic))
     return Assumed(tuple(_lead(experiment)), tuple(found))
+
+
+def _parts(experiment: Experiment) -> dict[str, BaseModel]:
+    """Records of what an experiment has as tables, with their defaults; nothing where they are no records alone."""
+    base = getattr(experiment, "base", None)
+    try:
+        return {} if base is None else {name: getattr(base(), name) for name in ("source", "faults")}
+    except InputError:
+        return {}
 
 
 def _lead(experiment: Experiment) -> Iterator[str]:
@@ -112,7 +117,7 @@ def _lead(experiment: Experiment) -> Iterator[str]:
         "Errors that are drawn are Gaussian with the standard deviations of the error model, without nominal biases, "
         "and independent of each other from satellite to satellite and draw to draw, but for what is said below."
     )
-    if any(name.rpartition(".")[2].startswith("observations") for name in experiment.input_files()):
+    if any("observations" in path.split(".") for path in flat_fields(experiment.model_dump(mode="json"))):
         yield "The errors of a receiver's files are its own, whatever their law; faults are added to its pseudoranges."
     yield f"Random numbers are those of threefry2x32, {LANES} draws a block, chosen by the seed {experiment.seed}."
     yield "Satellites, faults and laws of errors that are not named here are not covered by any of these numbers."
@@ -120,9 +125,8 @@ def _lead(experiment: Experiment) -> Iterator[str]:
 
 @dataclasses.dataclass(frozen=True)
 class _Walk:
-    """Reads records; of the files ``places`` the name alone is told, ``parts`` stand for tables as they are written."""
+    """Reads records; ``parts`` stand for tables as they are written, of files the name alone is told."""
 
-    places: frozenset[str]
     parts: Mapping[str, BaseModel]
 
     def record(self, record: BaseModel, above: str) -> Iterator[Condition]:
@@ -174,9 +178,7 @@ class _Walk:
         yield self.one(path, choice.name, f"{about}{also}", same)
         for option, value in choice.options.items():
             yield from self.option(f"{path}.{option}", cls, option, value)
-        told = seen.setdefault(choice.name, set())
-        yield from self.defaults(path, cls, {**choice.options, **dict.fromkeys(told)})
-        told |= {option.name for option in _options(cls)} - set(choice.options)
+        yield from self.defaults(path, cls, choice.options, seen.setdefault(choice.name, set()))
 
     def option(self, path: str, cls: Any, option: str, value: Any) -> Iterator[Condition]:
         """An option that is given."""
@@ -186,15 +188,19 @@ class _Walk:
         else:
             yield self.one(path, value, text, value == _default(cls, option))
 
-    def defaults(self, path: str, cls: Any, given: Mapping[str, Any]) -> Iterator[Condition]:
-        """The options that are not given."""
+    def defaults(
+        self, path: str, cls: Any, given: Mapping[str, Any], told: set[str] | None = None
+    ) -> Iterator[Condition]:
+        """The options that are not given, but for those that are ``told`` already, to which these are added."""
+        told = set() if told is None else told
         for option in _options(cls):
-            if option.name in given or not option.init or (value := _default(cls, option.name)) is dataclasses.MISSING:
+            value = _default(cls, option.name)
+            # What a message says takes the place of its options.
+            said = option.name in given or option.name in told or ("ism" in given and option.name in _ISM)
+            if said or not option.init or value is dataclasses.MISSING:
                 continue
+            told.add(option.name)
             place = f"{path}.{option.name}"
-            if "ism" in given and option.name in _ISM:
-                # The message says it.
-                continue
             if dataclasses.is_dataclass(value) and not isinstance(value, type):
                 for inner in dataclasses.fields(value):
                     own = getattr(value, inner.name)
@@ -228,18 +234,17 @@ class _Walk:
         """One condition."""
         names = path.split(".")
         topic = next((_TOPIC[name] for name in names if name in _EVERYWHERE), _TOPIC[names[0]])
-        said = str(value) if names[-1] == "seed" else self.text(value)
+        said = str(value) if names[-1] == "seed" else _text(without_folders(value, names[-1]))
         return Condition(topic, path, said, text, by_default)
 
-    def text(self, value: Any) -> str:
-        """A value as a file would say it; of an input file its name."""
-        if isinstance(value, Path) or (isinstance(value, str) and value in self.places):
-            return Path(value).name
-        if isinstance(value, tuple | list):
-            return ", ".join(map(self.text, value)) or "none"
-        if dataclasses.is_dataclass(value):
-            return str(getattr(value, "name", value))
-        return f"{value:.12g}" if isinstance(value, float) else value_text(value)
+
+def _text(value: Any) -> str:
+    """A value as a file would say it."""
+    if isinstance(value, tuple | list):
+        return ", ".join(map(_text, value)) or "none"
+    if dataclasses.is_dataclass(value):
+        return str(getattr(value, "name", value))
+    return f"{value:.12g}" if isinstance(value, float) else value_text(value)
 
 
 def _default(cls: Any, option: str) -> Any:

@@ -26,7 +26,8 @@ from pl_mc.report.run_folder import MANIFEST, changed_fields, earlier_place, rea
 from pl_mc.runtime.small_files import parsed_json, read_text
 from pl_mc.runtime.typed_command import without_home
 from pl_mc.runtime.whole_files import locked, write_whole
-from pl_mc.studies.spec import Experiment, ism_files
+from pl_mc.studies.file_fields import named_files
+from pl_mc.studies.spec import Experiment
 
 RECORD = "experiment.json"
 SUFFIX = ".unfinished"
@@ -175,7 +176,7 @@ def _write_manifest(folder: Path, content: Mapping[str, Any]) -> None:
 
 def input_hashes(experiment: Experiment) -> dict[str, dict[str, str]]:
     """Names and hashes of the files that an experiment reads, by field."""
-    files = dict(experiment.input_files()) | ism_files(experiment.model_dump(mode="json"))
+    files = dict(experiment.input_files()) | named_files(experiment.model_dump(mode="json"))
     return {field: {"file": path.name, "sha256": file_hash(path)} for field, path in files.items()}
 
 

@@ -78,17 +78,22 @@ def tex_of(folder: Path, place: Path) -> str:
     """The tables of a run's summary as LaTeX, for a place where they can be written.
 
     Raises:
-        InputError: as `remake_page`; a place that is no ``.tex`` file in a folder that is there.
+        InputError: as `remake_page` and `require_place`.
     """
+    require_place("--tex", place, ".tex", folder)
+    return to_latex(_document(read_run_folder(folder))[0])
+
+
+def require_place(option: str, place: Path, suffix: str, folder: Path) -> None:
+    """Raise `InputError` unless an option names a file of an ending, in a folder that is there and not ``folder``."""
     try:
-        usable = place.suffix == ".tex" and place.parent.is_dir() and (place.is_file() or not os.path.lexists(place))
+        usable = place.suffix == suffix and place.parent.is_dir() and (place.is_file() or not os.path.lexists(place))
         if not usable or place.is_symlink():
-            raise InputError(f"--tex: {place}: the name of a .tex file in a folder that is there is needed.")
-        if place.parent.resolve() == folder.resolve():
-            raise InputError(f"--tex: {place}: it would be a foreign file in a results folder; name another folder.")
-        return to_latex(_document(read_run_folder(folder))[0])
+            raise InputError(f"{option}: {place}: the name of a {suffix} file in a folder that is there is needed.")
+        if folder.resolve() in (one.resolve() for one in place.absolute().parents):
+            raise InputError(f"{option}: {place}: it would be a foreign file in a results folder; name another folder.")
     except OSError as error:
-        raise InputError(f"--tex: {shown(str(place))}: it cannot be written ({system_reason(error)}).") from None
+        raise InputError(f"{option}: {shown(str(place))}: it cannot be written ({system_reason(error)}).") from None
 
 
 def write_tex(place: Path, tables: str) -> None:

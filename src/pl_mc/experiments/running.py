@@ -85,7 +85,7 @@ def run_experiment(
         InputError: input that cannot be used, or a folder that cannot be written.
         Interrupted: by Ctrl-C.
     """
-    folder = _folder(name, out)
+    folder = results_place(name, out)
     how = execution or Execution()
     study = study_of(experiment)
     place = Unfinished(folder)
@@ -141,7 +141,7 @@ def run_shard(name: str, experiment: Experiment, out: Path | None, execution: Ex
         execution: with its shard.
     """
     assert execution.shard is not None
-    place = Unfinished(_folder(name, out))
+    place = Unfinished(results_place(name, out))
     # Shares of one run may store their parts in one folder: those of others are no obstacle.
     how = replace(execution, resume=True)
     sweeps = _sweeps(experiment)
@@ -218,7 +218,7 @@ def _parts(
             place.remove()
 
 
-def _folder(name: str, out: Path | None) -> Path:
+def results_place(name: str, out: Path | None) -> Path:
     """Where the results go: what was asked for, or a folder by the name of the experiment."""
     name = folder_name(name, source="experiment")
     folder = Path("runs") / name if out is None else Path(out)

@@ -105,7 +105,7 @@ def _verified(folder: Path, partial: bool, redo: bool, progress: bool | None) ->
     total, files = manifest.pop("sha256", None), manifest.get("files")
     if not isinstance(files, dict) or not files or total is None:
         raise InputError(f"{folder / MANIFEST}: it names no hashes of files, as those of version 0.1.0 do not.")
-    odd = next((name for name in files if not _is_plain(name)), None)
+    odd = next((name for name in files if not is_plain(name)), None)
     if odd is not None:
         raise InputError(f"{folder / MANIFEST}: files: {shown(odd)} is no name of a file in the folder.")
     changed = [] if total == content_hash(manifest) else [MANIFEST]
@@ -132,7 +132,7 @@ def _verified(folder: Path, partial: bool, redo: bool, progress: bool | None) ->
     return _redone(found, manifest, progress) if redo and MANIFEST not in changed else found
 
 
-def _is_plain(name: str) -> bool:
+def is_plain(name: str) -> bool:
     """Whether a name is that of a file in a folder or in a folder of it, and can be shown as it is."""
     parts = name.split("/")
     within = all(0 < len(part) <= _LONGEST_NAME and part not in (".", "..") for part in parts)
@@ -159,7 +159,9 @@ def _inputs(folder: Path, manifest: Mapping[str, Any]) -> tuple[list[str], list[
         return [], [f"What the run read is not at hand, and was not held against anything ({str(error).rstrip('.')})."]
     except OSError as error:
         return [], [f"{error.filename}: the run read it, and it cannot be read ({system_reason(error)})."]
-    return [f"{field}: {was} then, {is_} now." for field, was, is_ in changed_fields(recorded, now)], []
+    # An earlier version recorded fewer.
+    known = {field: value for field, value in now.items() if field in recorded}
+    return [f"{field}: {was} then, {is_} now." for field, was, is_ in changed_fields(recorded, known)], []
 
 
 def _redone(found: Verified, manifest: Mapping[str, Any], progress: bool | None) -> Verified:

@@ -161,6 +161,12 @@ def _in_form(manifest: dict[str, Any]) -> dict[str, Any]:
     command, date = manifest.get("command"), manifest.get("date")
     parts: dict[str, Any] = {"machine": {}, "noise": {}, "code": {}} | tables | {"inputs": inputs, "versions": versions}
     parts["command"] = shlex.join(map(str, command)) if isinstance(command, list) else ""
+    installed = manifest.get("installed")
+    parts["installed"] = {
+        name: {key: str(value) for key, value in about.items()}
+        for name, about in (installed.items() if isinstance(installed, dict) else ())
+        if isinstance(about, dict) and "version" in about
+    }
     parts["date"] = date if isinstance(date, str) else ""
     return manifest | parts | {"notes": notes if isinstance(notes, list) else []}
 
