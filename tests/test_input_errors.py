@@ -3,14 +3,21 @@
 from __future__ import annotations
 
 import dataclasses
+import inspect
+from typing import Any
 
 import numpy as np
 import pytest
 
 import pl_mc
 from pl_mc import AlertLimits, InputError
+from pl_mc.detectors.registry import DETECTORS
 from pl_mc.input_errors import nearest, require_choice
 from pl_mc.methods import Ls
+from pl_mc.methods.registry import METHODS
+from pl_mc.noise_models.gauss_markov import GaussMarkov
+from pl_mc.noise_models.registry import NOISE_MODELS
+from pl_mc.time_ramps import SEQUENTIAL
 from reference.problems import appendix_d, random_series
 
 G = appendix_d()
@@ -93,3 +100,38 @@ def test_nearest_words():
     assert nearest("x", []) == "there is none to choose from"
     assert require_choice("ls", ["ls", "igg3"], field="method") == "ls"
     assert issubclass(InputError, ValueError)
+
+
+RECORDS = [*METHODS.items(), *DETECTORS.items(), *NOISE_MODELS.items(), *SEQUENTIAL.items()]
+FURTHER = [
+    (AlertLimits, {"name": "mine", "vertical_m": 10.0}), (pl_mc.RiskBudget, {}), (pl_mc.araim.Ism, {"b_nom_m": 0.5}),
+    (GaussMarkov, {"tau_s": 10.0}),
+]  # fmt: skip
+
+
+@pytest.mark.parametrize(("name", "record"), RECORDS)
+def test_an_unknown_option_of_a_record_is_named_with_the_nearest(name: str, record: type) -> None:
+    with pytest.raises(pl_mc.InputError, match=rf"{name}: the option 'zzz' is unknown \((valid|nearest|there is none)"):
+        record(zzz=1)
+    options = [field.name for field in dataclasses.fields(record) if field.init]
+    for option in options[:1]:
+        with pytest.raises(pl_mc.InputError, match=rf"the option '{option}x' is unknown \(.*{option}"):
+            record(**{f"{option}x": 1})
+    # Their signature is what it was.
+    assert list(inspect.signature(record).parameters) == options
+
+
+@pytest.mark.parametrize(("record", "options"), FURTHER)
+def test_other_records_refuse_an_unknown_option_likewise(record: type, options: dict[str, Any]) -> None:
+    with pytest.raises(pl_mc.InputError, match="the option 'zzz' is unknown"):
+        record(**options, zzz=1)
+    made = record(**options)
+    with pytest.raises(pl_mc.InputError, match="the option 'zzz' is unknown"):
+        dataclasses.replace(made, zzz=1)
+    assert dataclasses.replace(made) == made
+
+
+def test_correlation_times_of_exposures_stand_once() -> None:
+    g = pl_mc.simulate(site="CUT0", epochs=1)[0]
+    with pytest.raises(pl_mc.InputError, match="tau_s: one row of different correlation times is needed"):
+        pl_mc.exposure(g, pl_mc.no_fault(g), tau_s=[10.0, 10.0], draws=256, seed=1)

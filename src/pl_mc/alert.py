@@ -6,7 +6,7 @@ import re
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 
-from pl_mc.input_errors import InputError, require_choice, require_list, require_positive, shown
+from pl_mc.input_errors import InputError, known_options, require_choice, require_list, require_positive, shown
 
 # Limits beyond these are slips of the unit, and cannot be computed with.
 _LEAST_M, _MOST_M = 1e-6, 1e9
@@ -41,6 +41,7 @@ _CALLED = {
 }
 
 
+@known_options("alert")
 @dataclass(frozen=True)
 class AlertLimits:
     """Alert limits of one operation, one of the two at least.

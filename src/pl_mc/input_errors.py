@@ -6,17 +6,21 @@ nearest valid value. The command line prints the sentence and exits with code 2;
 
 from __future__ import annotations
 
+import dataclasses
 import difflib
+import functools
 import math
 import numbers
 import os
 import re
-from collections.abc import Iterable, Mapping
+from collections.abc import Callable, Iterable, Mapping
 from pathlib import Path
-from typing import Any
+from typing import Any, TypeVar
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
+
+Record = TypeVar("Record")
 
 
 class InputError(ValueError):
@@ -68,6 +72,26 @@ def require_choice(word: str, valid: Iterable[str], *, field: str) -> str:
     if not isinstance(word, str) or word not in choices:
         raise InputError(f"{field}: {shown(word)} is unknown ({nearest(str(word), choices)}).")
     return word
+
+
+def known_options(called: str) -> Callable[[type[Record]], type[Record]]:
+    """What makes a dataclass refuse an option that it has not by an `InputError`; ``called`` is what that names."""
+
+    def of(cls: type[Record]) -> type[Record]:
+        made: Callable[..., None] = cls.__init__
+        fields = [field.name for field in dataclasses.fields(cls) if field.init]  # type: ignore[arg-type]
+
+        @functools.wraps(made)
+        def checked(self: Record, *values: Any, **options: Any) -> None:
+            for option in options:
+                if option not in fields:
+                    raise InputError(f"{called}: the option {shown(option)} is unknown ({nearest(option, fields)}).")
+            made(self, *values, **options)
+
+        cls.__init__ = checked  # type: ignore[assignment]
+        return cls
+
+    return of
 
 
 def require_whole(value: int, *, field: str, low: int, high: int | None = None) -> int:

@@ -2,11 +2,10 @@
 
 from __future__ import annotations
 
-import dataclasses
 from collections.abc import Callable, Hashable, Mapping
 from typing import Any
 
-from pl_mc.input_errors import InputError, nearest, require_choice, require_list, shown
+from pl_mc.input_errors import InputError, known_options, require_choice, require_list, shown
 
 
 def build_named(name: str, classes: Mapping[str, type], options: Mapping[str, Any], *, what: str) -> Any:
@@ -25,11 +24,19 @@ def build_named(name: str, classes: Mapping[str, type], options: Mapping[str, An
             f'name = "{head}", in Python {what}("{head}", ...).'
         )
     cls = classes[require_choice(name, classes, field=what)]
-    fields = [field.name for field in dataclasses.fields(cls)]
-    for option in options:
-        if option not in fields:
-            raise InputError(f"{what} {name}: the option {shown(option)} is unknown ({nearest(option, fields)}).")
     return cls(**{key: tuple(value) if isinstance(value, list) else value for key, value in options.items()})
+
+
+def registry(what: str, classes: Mapping[str, type]) -> dict[str, type]:
+    """Records by name that refuse an option which they have not, made by name or by their class alike.
+
+    Args:
+        what: what such a record is called, ``method`` or ``test``.
+        classes: frozen dataclasses by name.
+    """
+    for name, cls in classes.items():
+        known_options(f"{what} {name}")(cls)
+    return dict(classes)
 
 
 def as_records(

@@ -4,16 +4,19 @@ from __future__ import annotations
 
 import json
 import tomllib
+from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
+from pydantic import BaseModel
 
 from pl_mc.cli.main import main
+from pl_mc.experiments.assuming import assumed_of
 from pl_mc.experiments.checking import check_experiment, cost_of, field_lines
-from pl_mc.experiments.field_meanings import meaning, meanings_of
+from pl_mc.experiments.field_meanings import meaning
 from pl_mc.experiments.loading import build_experiment, load_experiment
 from pl_mc.experiments.source_files import experiment_files
 from pl_mc.experiments.template import template, template_for
@@ -237,6 +240,17 @@ def test_a_measured_cost_is_of_this_machine() -> None:
     assert "measured here" in cost.text()
 
 
+def fields_within(record: BaseModel, above: str = "") -> Iterator[str]:
+    """The fields of a record and of the records in it, by their path."""
+    for field in type(record).model_fields:
+        value = getattr(record, field)
+        records = [one for one in (value if isinstance(value, tuple) else (value,)) if isinstance(one, BaseModel)]
+        for k, one in enumerate(records):
+            yield from fields_within(one, f"{above}{field}.{f'{k}.' if isinstance(value, tuple) else ''}")
+        if not records:
+            yield f"{above}{field}"
+
+
 @pytest.mark.parametrize("name", sorted(experiment_files()))
 def test_a_template_is_read_back_as_the_same_experiment(name: str) -> None:
     record = load_experiment(name)[1]
@@ -244,7 +258,7 @@ def test_a_template_is_read_back_as_the_same_experiment(name: str) -> None:
     assert build_experiment(tomllib.loads(text), source=name) == record
     # Every field is explained, those of the first of several like tables at least.
     lines, found = text.splitlines(), field_lines(text)
-    for field in meanings_of(record):
+    for field in fields_within(record):
         index = next((part for part in field.split(".") if part.isdigit()), "0")
         if field in found and index == "0":
             assert lines[found[field] - 2].startswith("#"), field
@@ -258,8 +272,7 @@ def test_every_field_of_every_kind_has_a_meaning(kind: str) -> None:
     for name in experiment_files():
         record = load_experiment(name)[1]
         if record.kind == kind:  # type: ignore[attr-defined]
-            # Keys of free tables are the user's own words.
-            assert [path for path, text in meanings_of(record).items() if not text] == []
+            assert [one.field for one in assumed_of(record).conditions if not one.meaning] == []
 
 
 def test_init_writes_what_check_and_run_accept(

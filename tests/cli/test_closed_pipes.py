@@ -58,14 +58,25 @@ def test_a_run_has_written_all_of_its_results(tmp_path: Path) -> None:
 
 
 @pytest.mark.skipif(not Path("/dev/full").exists(), reason="a file that is always full")
-@pytest.mark.parametrize("arguments", [HELP[0], TEXTS[0]])
-def test_a_full_disk_is_told_in_a_sentence(arguments: tuple[str, ...]) -> None:
+@pytest.mark.parametrize("unbuffered", ["", "1"])
+# What is short is held back to the end, what is long is written before.
+@pytest.mark.parametrize("arguments", [HELP[0], TEXTS[0], TEXTS[1], ("init", "compare-methods")])
+def test_a_full_disk_is_told_in_a_sentence(arguments: tuple[str, ...], unbuffered: str) -> None:
     with open("/dev/full", "w") as full:
         done = subprocess.run(
             [sys.executable, "-m", "pl_mc.cli.main", *arguments], stdout=full, stderr=subprocess.PIPE, text=True,
-            timeout=240, check=False, env=os.environ | {"PYTHONUNBUFFERED": ""},
+            timeout=240, check=False, env=os.environ | {"PYTHONUNBUFFERED": unbuffered},
         )  # fmt: skip
     assert (done.returncode, done.stderr) == (2, "pl-mc: the output cannot be written (no space left on device).\n")
+
+
+@pytest.mark.skipif(not Path("/dev/full").exists(), reason="a file that is always full")
+@pytest.mark.parametrize("arguments", [TEXTS[1], ("nonsense",)])
+def test_where_nothing_can_be_told_the_code_says_it(arguments: tuple[str, ...]) -> None:
+    with open("/dev/full", "w") as full:
+        command = [sys.executable, "-m", "pl_mc.cli.main", *arguments]
+        done = subprocess.run(command, stdout=full, stderr=full, timeout=240, check=False)
+    assert done.returncode == 2
 
 
 def test_another_pipe_that_breaks_is_an_error() -> None:
@@ -73,3 +84,8 @@ def test_another_pipe_that_breaks_is_an_error() -> None:
         raise BrokenPipeError("the worker is gone")
     with pytest.raises(FileNotFoundError), quiet_end():
         raise FileNotFoundError("no such file")
+    # Nor is a disk full that no standard stream writes to.
+    before = sys.stdout
+    with pytest.raises(OSError, match="No space"), quiet_end():
+        raise OSError(28, "No space left on device")
+    assert sys.stdout is before

@@ -17,7 +17,7 @@ from pl_mc.experiments.checking import check_experiment
 from pl_mc.experiments.loading import load_experiment
 from pl_mc.experiments.running import run_experiment
 from pl_mc.methods.araim import Araim
-from pl_mc.studies.spec import ism_files
+from pl_mc.studies.file_fields import named_files
 
 ISM = """satellite,sigma_ura_m,sigma_ure_m,b_nom_m,p_sat,p_const
 G,1.0,0.66,0.75,1e-5,1e-8
@@ -86,7 +86,7 @@ def test_a_file_and_a_table(folder: Path) -> None:
 
 def test_files_are_found_wherever_they_stand() -> None:
     content = {"methods": [{"name": "araim", "ism": "a.csv"}, {"ism": {"p_sat": 1e-5}}], "budgets": [{"ism": "b.csv"}]}
-    assert ism_files(content) == {"methods.0.ism": Path("a.csv"), "budgets.0.ism": Path("b.csv")}
+    assert named_files(content) == {"methods.0.ism": Path("a.csv"), "budgets.0.ism": Path("b.csv")}
 
 
 @pytest.mark.parametrize(

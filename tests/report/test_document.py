@@ -162,7 +162,7 @@ def test_a_folder_of_a_version_without_documents_gets_a_page(run_of_today: Path,
     page, known = ((folder / "report.html").read_text() for folder in (old, run_of_today))
     assert document.question in page
     # The summary from its Markdown is the one from its blocks, and so are tables and fields.
-    for part in ("answer", "summary", "choices"):
+    for part in ("answer", "summary", "assumed"):
         section = re.compile(rf'<section id="{part}">.*?</section>', re.DOTALL)
         assert section.findall(page) == section.findall(known), part
     assert page.count("<img ") == len(document.figures)
@@ -207,7 +207,7 @@ def test_nothing_that_a_document_says_is_taken_for_a_tag(tmp_path: Path) -> None
         title=texts["title"], kind="sweep", question=texts["question"], answer=(texts["answer"],), val_m=35.0,
     )  # fmt: skip
     run = read_run_folder(folder)
-    page = page_of_run(run, meanings={}, shown_as=folder)
+    page = page_of_run(run, shown_as=folder)
     for place in (*places, "fault"):
         assert f"{place} {escaped}" in page, place
     for tag in ("h2", "table", "script"):
@@ -226,7 +226,7 @@ def test_code_and_strong_words_are_marked_and_nothing_else(tmp_path: Path) -> No
     folder = store_run(tmp_path / "run", counts({"ls": (0, 1, 2, 3), "igg3": (0, 0, 0, 0)}), with_figure=False)
     text = Paragraph("It is **not** `x < 1`; 2 * 3 * 4 of a_b_c, w_test(p_fa=0.001,p_md=0.0001)")
     write_findings(Findings((text,), ()), folder, title="t", kind="sweep", question="?", answer=(), val_m=35.0)
-    page = page_of_run(read_run_folder(folder), meanings={}, shown_as=folder)
+    page = page_of_run(read_run_folder(folder), shown_as=folder)
     marked = "It is <strong>not</strong> <code>x &lt; 1</code>; 2 * 3 * 4 of a_b_c, w_test(p_fa=0.001,p_md=0.0001)"
     assert f"<p>{marked}</p>" in page
 

@@ -15,6 +15,7 @@ import pytest
 from PIL import Image
 from stored_runs import CAPTION, counts, store_run
 
+from pl_mc.experiments.assuming import assumed_of
 from pl_mc.experiments.loading import build_experiment
 from pl_mc.experiments.reading import document_of_files, remake_page
 from pl_mc.input_errors import InputError
@@ -34,7 +35,7 @@ OUTSIDE = re.compile(r"""(?:src|href)\s*=\s*["'](?!data:|#)([^"']*)|url\(|@impor
 
 
 def page_of(run: RunFolder) -> str:
-    return page_of_run(run, meanings={}, shown_as=run.folder)
+    return page_of_run(run, shown_as=run.folder)
 
 
 def document_of(run: RunFolder) -> Document:
@@ -52,15 +53,18 @@ def charts_in(run: RunFolder) -> list[dict[str, Any]]:
 
 
 def test_a_page_has_its_parts_and_refers_to_nothing_outside(small_run: Path) -> None:
-    write_page(read_run_folder(small_run), meanings={"draws": "noise draws for each fault"})
+    run = read_run_folder(small_run)
+    write_page(run, assumed=assumed_of(experiment_of(run)))
     text = (small_run / "report.html").read_text()
-    for part in ("What was asked", "The answer", "Charts", "Figures", "Tables", "Choices", "How to redo it"):
+    for part in ("What was asked", "The answer", "Charts", "Figures", "Tables", "What was assumed", "How to redo it"):
         assert f"<h2>{part}</h2>" in text
     # Links to the files beside it are the only ones; nothing is loaded.
     outside = {match[1] for match in OUTSIDE.finditer(text)}
     assert outside <= {"rates.csv", "rates.png", "rates.svg"}
     assert "http" not in re.sub(r'http-equiv|"http://www.w3.org/2000/svg"', "", text)
     assert "noise draws for each fault" in text
+    assert '<td>methods.1.k0</td><td class="wide">1.5 (by default)</td>' in text
+    assert "The alert limits are those of LPV-200, VAL 35 m and HAL 40 m; the vertical limit decides." in text
     assert f"pl-mc run {small_run.as_posix()}/manifest.json" in text
     # What users write is text, never part of the page.
     assert "<b>for</b>" not in text

@@ -48,7 +48,7 @@ heads[at].querySelector('button').click(); out.down = column();
 
 @pytest.fixture(scope="module")
 def page(small_run: Path) -> Path:
-    write_page(read_run_folder(small_run), meanings={})
+    write_page(read_run_folder(small_run))
     return small_run / "report.html"
 
 
@@ -154,7 +154,7 @@ def test_lines_in_time_end_where_epochs_are_missing(browser: Browser, small_run:
     (folder / "manifest.json").write_text((small_run / "manifest.json").read_text())
     findings = Findings(("One.",), (course_table(epochs),))
     write_findings(findings, folder, title="t", kind="sweep", question="Is it?", answer=("It is.",), val_m=35.0)
-    write_page(read_run_folder(folder), meanings={})
+    write_page(read_run_folder(folder))
     script = (
         "const svg = document.querySelector('.canvas svg');"
         "out.curves = svg.querySelectorAll('polyline').length; out.bands = svg.querySelectorAll('.band').length;"

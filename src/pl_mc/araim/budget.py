@@ -6,7 +6,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from typing import Any
 
-from pl_mc.input_errors import InputError, require_choice, require_number, require_positive, shown
+from pl_mc.input_errors import InputError, known_options, require_choice, require_number, require_positive, shown
 
 # Fields that hold a probability of their own.
 PROBABILITIES = (
@@ -14,6 +14,7 @@ PROBABILITIES = (
 )  # fmt: skip
 
 
+@known_options("budget")
 @dataclass(frozen=True)
 class Budget:
     """What an operation allows, as probabilities per exposure (one approach, for LPV-200).

@@ -10,14 +10,13 @@ import statistics
 import time
 from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass
-from pathlib import Path
 from typing import Any
 
 import jax
 import numpy as np
 
 from pl_mc.engine.compiling import compiler_options, instruction_set
-from pl_mc.runtime.threads import cores
+from pl_mc.runtime.threads import cores, processor_name
 
 # The share of the asked time below which another repetition would tell nothing.
 _SHORTEST_S = 1e-9
@@ -153,17 +152,6 @@ def describe_machine() -> dict[str, Any]:
         "compiler_options": compiler_options(), "versions": {"python": platform.python_version()} | versions(),
         "blas": _blas(), "load_average": load_average(),
     }  # fmt: skip
-
-
-def processor_name() -> str:
-    """The processor's own name, or its family where that cannot be read."""
-    try:
-        for line in Path("/proc/cpuinfo").read_text(encoding="utf-8").splitlines():
-            if line.startswith("model name"):
-                return line.partition(":")[2].strip()
-    except OSError:
-        pass
-    return platform.processor() or platform.machine()
 
 
 def load_average() -> list[float] | None:

@@ -21,6 +21,7 @@ from pl_mc.cli import conforming, drafting, reading, running
 from pl_mc.input_errors import InputError
 from pl_mc.runtime.closed_pipes import quiet_end
 from pl_mc.runtime.stopping import stoppable
+from pl_mc.runtime.typed_command import typed
 
 app = App(
     name="pl-mc",
@@ -63,7 +64,8 @@ def main(arguments: Sequence[str] | None = None) -> None:
     if arguments is None:
         # Loading libraries makes many objects and no garbage, which is looked for every 700 objects unless told.
         gc.set_threshold(10_000)
-    with quiet_end(), stoppable() as stops:
+    given = sys.argv[1:] if arguments is None else arguments
+    with quiet_end(), typed(given), stoppable() as stops:
         try:
             if any("\0" in argument for argument in (arguments or ())):
                 raise InputError("an argument holds the character NUL, which no name of a file can.")

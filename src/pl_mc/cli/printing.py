@@ -7,6 +7,7 @@ from __future__ import annotations
 
 import json as json_text
 from dataclasses import dataclass
+from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
 from cyclopts import Parameter
@@ -75,16 +76,18 @@ class Output:
         """Whether there is a bar; none for a quiet command unless it is asked for."""
         return False if self.progress is None and self.quiet else self.progress
 
-    def show(self, result: RunResult) -> None:
-        """A finished run: the summary and the folder; as JSON; or the folder alone."""
+    def show(self, result: RunResult, bundle: Path | None = None) -> None:
+        """A finished run: the summary, the folder and a bundle where there is one; as JSON; or the folder alone."""
         if self.json:
-            print_json(result_content(result))
+            print_json(result_content(result, bundle=bundle))
         elif self.quiet:
             print(result.folder)
         else:
             print(result.summary)
             page = f", report: {result.folder / result.page}" if result.page else ""
             print(f"Results: {result.folder}{page}")
+            if bundle is not None:
+                print(f"Bundle: {bundle}")
 
 
 @Parameter(name="*")
@@ -130,8 +133,8 @@ def print_json(content: Any) -> None:
     print(json_text.dumps(content, indent=2, ensure_ascii=False, allow_nan=False, default=str))
 
 
-def result_content(result: RunResult) -> dict[str, Any]:
-    """A finished run for programs: its folder, the files in it, the answer and the notes."""
+def result_content(result: RunResult, *, bundle: Path | None = None) -> dict[str, Any]:
+    """A finished run for programs: its folder, the files in it, the answer and the notes, and a bundle of it."""
     files = sorted(path.name for path in result.folder.iterdir() if path.is_file())
     return {
         "folder": str(result.folder),
@@ -140,4 +143,4 @@ def result_content(result: RunResult) -> dict[str, Any]:
         "figures": [name for name in files if name.endswith((".png", ".svg", ".pdf"))],
         "answer": list(result.answer),
         "notes": list(result.notes),
-    }
+    } | ({} if bundle is None else {"bundle": str(bundle)})

@@ -46,6 +46,7 @@ def run(
     workers: Count = None,
     devices: Count = None,
     scheduler: str | None = None,
+    bundle: Path | None = None,
     figures: Figures = _AS_IN_THE_FILE,
     output: Output = _DEFAULT,
 ) -> None:
@@ -95,6 +96,8 @@ def run(
     scheduler
         A Dask scheduler that gives the parts to its workers, `tcp://host:8786`, or `local` or `local:4` for
         processes on this machine; needs the extra `pl_mc[dask]`.
+    bundle
+        A `.zip` file to hand the results over in, as of `pl-mc report --bundle`.
     """
     from pl_mc.experiments.source_files import read_source
 
@@ -102,8 +105,10 @@ def run(
     read_source(experiment)
     keep_programs()
     from pl_mc.engine import Execution
+    from pl_mc.experiments.bundling import SUFFIX, write_bundle
     from pl_mc.experiments.loading import load_experiment
-    from pl_mc.experiments.running import run_experiment, run_shard
+    from pl_mc.experiments.reading import require_place
+    from pl_mc.experiments.running import results_place, run_experiment, run_shard
     from pl_mc.studies.spec import kind_of
 
     name, record = load_experiment(
@@ -113,15 +118,21 @@ def run(
     if given and not record.judged_axes():
         raise InputError(f"{given}: an experiment of the kind {kind_of(record)} judges by no alert limit.")
     share = None if shard is None else _share(shard)
+    if bundle is not None:
+        if share is not None:
+            raise InputError("--bundle: a share of a run has no results yet; pl-mc merge makes them.")
+        require_place("--bundle", bundle, SUFFIX, results_place(name, out))
     execution = Execution(
         workers=workers, devices=devices, scheduler=scheduler, resume=resume, shard=share,
         progress=output.bar,
     )  # fmt: skip
     if share is None:
         result = run_experiment(name, record, out, execution=execution, fresh=fresh)
+        if bundle is not None:
+            write_bundle(result.folder, bundle)
     else:
         result = run_shard(name, record, out, execution)
-    output.show(result)
+    output.show(result, bundle)
 
 
 def merge(folders: Annotated[tuple[Path, ...], Several], /, *, out: Path, output: Output = _DEFAULT) -> None:

@@ -8,9 +8,9 @@ from typing import Any
 from pl_mc.detectors.base import Detector
 from pl_mc.detectors.chi2 import Chi2
 from pl_mc.detectors.mean_check import MeanCheck
-from pl_mc.named import as_records, build_named
+from pl_mc.named import as_records, build_named, registry
 
-DETECTORS: dict[str, type] = {"chi2": Chi2, "mean_check": MeanCheck}
+DETECTORS = registry("test", {"chi2": Chi2, "mean_check": MeanCheck})
 
 
 def detector(name: str, **options: Any) -> Detector:

@@ -17,7 +17,7 @@ from pydantic import BaseModel
 from pl_mc.alert import OPERATIONS
 from pl_mc.detectors.registry import DETECTORS
 from pl_mc.error_models.registry import ERROR_MODELS
-from pl_mc.experiments.field_meanings import meaning, rule
+from pl_mc.experiments.field_meanings import first_sentence, meaning, rule
 from pl_mc.input_errors import InputError, nearest, shown
 from pl_mc.kernels.events import EVENTS, EXCLUSIONS
 from pl_mc.methods.registry import METHODS
@@ -113,13 +113,13 @@ def _words() -> Iterator[tuple[str, str, str, str]]:
     )  # fmt: skip
     for sort, registry in sorts:
         for name, cls in registry.items():
-            yield name, sort, "", _first(cls)
+            yield name, sort, "", first_sentence(cls)
             if dataclasses.is_dataclass(cls):
                 for option in dataclasses.fields(cls):
                     if text := meaning(typing.cast(type, cls), option.name):
                         yield option.name, f"option of {sort}s", name, text
     for kind, study in KINDS.items():
-        yield kind, "kind of experiment", "", _first(study.model)
+        yield kind, "kind of experiment", "", first_sentence(study.model)
         yield from _fields(study.model, kind)
 
 
@@ -139,9 +139,3 @@ def _records(annotation: Any) -> Iterator[type[BaseModel]]:
         yield annotation
     for part in typing.get_args(annotation):
         yield from _records(part)
-
-
-def _first(documented: Any) -> str:
-    """The first sentence of a docstring, without marks of code."""
-    text = inspect.getdoc(documented) or ""
-    return " ".join(text.partition("\n\n")[0].split()).replace("`", "").rstrip(".")

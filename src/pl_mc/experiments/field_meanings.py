@@ -13,7 +13,6 @@ import types
 import typing
 from typing import Any, Literal
 
-from pydantic import BaseModel
 from pydantic.fields import FieldInfo
 
 SHARED: dict[str, str] = {
@@ -108,19 +107,10 @@ def meaning(record: type, field: str) -> str:
     return text
 
 
-def meanings_of(record: BaseModel, prefix: str = "") -> dict[str, str]:
-    """Meanings of all fields of a record and the records in it, by their path, ``geometry.epochs``."""
-    found: dict[str, str] = {}
-    for field in type(record).model_fields:
-        path = f"{prefix}{field}"
-        value = getattr(record, field)
-        inner = value if isinstance(value, tuple) else (value,)
-        records = [one for one in inner if isinstance(one, BaseModel)]
-        for k, one in enumerate(records):
-            found |= meanings_of(one, f"{path}.{k}." if isinstance(value, tuple) else f"{path}.")
-        if not records:
-            found[path] = meaning(type(record), field)
-    return found
+def first_sentence(documented: Any) -> str:
+    """The first sentence of a docstring, without marks of code and full stop."""
+    text = inspect.getdoc(documented) or ""
+    return " ".join(text.partition("\n\n")[0].split()).replace("`", "").rstrip(".")
 
 
 def rule(info: FieldInfo) -> str:
@@ -146,10 +136,11 @@ def _choices(annotation: Any) -> tuple[Any, ...]:
 
 
 def _attributes(docstring: str) -> dict[str, str]:
-    """The lines under ``Attributes:`` by field; continued lines are joined, marks of code left out."""
-    _, _, section = inspect.cleandoc(docstring).partition("\nAttributes:\n")
+    """The lines under every ``Attributes:`` by field; continued lines are joined, marks of code left out."""
+    _, *sections = inspect.cleandoc(docstring).split("\nAttributes:\n")
     return {
         name: " ".join(text.split()).replace("`", "").rstrip(".")
+        for section in sections
         for names, text in _ENTRY.findall(re.split(r"^(?=\S)", section, maxsplit=1, flags=re.MULTILINE)[0])
         for name in names.split(", ")
     }

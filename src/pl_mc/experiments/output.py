@@ -8,10 +8,8 @@ from __future__ import annotations
 import contextlib
 import glob
 import hashlib
-import importlib.metadata
 import json
 import os
-import platform
 import shutil
 import tempfile
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
@@ -19,18 +17,17 @@ from pathlib import Path
 from typing import Any
 
 from pl_mc.engine import plan
-from pl_mc.engine.part_task import environment
 from pl_mc.experiments.loading import in_this_version
+from pl_mc.experiments.provenance import provenance
 from pl_mc.experiments.source_files import experiment_of
 from pl_mc.input_errors import InputError, shown, system_reason
 from pl_mc.kernels.noise import LANES
 from pl_mc.report.run_folder import MANIFEST, changed_fields, earlier_place, read_run_folder
 from pl_mc.runtime.small_files import parsed_json, read_text
+from pl_mc.runtime.typed_command import without_home
 from pl_mc.runtime.whole_files import locked, write_whole
-from pl_mc.studies.spec import Experiment, ism_files
-
-# Packages whose version can change a number or a picture.
-_RECORDED = ("pl_mc", "jax", "jaxlib", "numpy", "scipy", "pandas", "pyarrow", "matplotlib", "pymap3d", "sidereon")
+from pl_mc.studies.file_fields import named_files
+from pl_mc.studies.spec import Experiment
 
 RECORD = "experiment.json"
 SUFFIX = ".unfinished"
@@ -132,29 +129,39 @@ def _put_in_order(path: Path, sign: str) -> str:
 
 
 def write_manifest(folder: Path, *, name: str, experiment: Experiment, notes: Sequence[str], seconds: float) -> None:
-    """Everything that decides the numbers: the experiment in full, versions, inputs and the machine.
+    """Everything that decides the numbers: the experiment in full, what it was made with, inputs and outputs.
 
-    With what the run wrote, so that a file that has changed since then is known when the run is resumed.
+    With hashes of what the run wrote, so that a file that has changed since then is known.
     """
+    fields = experiment.model_dump(mode="json")
     content: dict[str, Any] = {
         "name": name,
-        "experiment": experiment.model_dump(mode="json"),
+        "experiment": _homeless(fields),
         **experiment.figures.told(),
         "inputs": input_hashes(experiment),
         "noise": {"generator": "threefry2x32", "lanes_per_block": LANES},
         "cut": {"scenarios_per_call": plan.SCENARIOS_PER_CALL, "calls_per_part": plan.CALLS_PER_PART},
         "notes": list(notes),
-        "versions": recorded_versions(),
-        "machine": {"system": platform.system(), **environment()},
+        **provenance(fields),
         "seconds": round(seconds, 2),
-        "files": {path.name: file_hash(path) for path in sorted(folder.iterdir()) if path.is_file()},
+        "files": {path: file_hash(folder / path) for path in written_files(folder)},
     }
     _write_manifest(folder, content)
 
 
-def recorded_versions() -> dict[str, str]:
-    """Versions of Python and of the packages that can change a number or a picture."""
-    return {"python": platform.python_version()} | {name: importlib.metadata.version(name) for name in _RECORDED}
+def written_files(folder: Path) -> list[str]:
+    """Files in a results folder and in folders of it, by their path within it, but for the manifest."""
+    paths = sorted(path.relative_to(folder).as_posix() for path in folder.rglob("*") if not path.is_dir())
+    return [path for path in paths if path != MANIFEST]
+
+
+def _homeless(content: Any) -> Any:
+    """The fields of an experiment with ``~`` for the user's home in paths."""
+    if isinstance(content, dict):
+        return {key: _homeless(value) for key, value in content.items()}
+    if isinstance(content, list):
+        return [_homeless(value) for value in content]
+    return without_home(content) if isinstance(content, str) else content
 
 
 def record_files(folder: Path, names: Sequence[str], redrawn: Mapping[str, Any] | None = None) -> None:
@@ -183,7 +190,7 @@ def _write_manifest(folder: Path, content: Mapping[str, Any]) -> None:
 
 def input_hashes(experiment: Experiment) -> dict[str, dict[str, str]]:
     """Names and hashes of the files that an experiment reads, by field."""
-    files = dict(experiment.input_files()) | ism_files(experiment.model_dump(mode="json"))
+    files = dict(experiment.input_files()) | named_files(experiment.model_dump(mode="json"))
     return {field: {"file": path.name, "sha256": file_hash(path)} for field, path in files.items()}
 
 
@@ -296,14 +303,13 @@ def require_as_written(folder: Path, *, only: tuple[str, ...] = ("",)) -> None:
 def changed_files(folder: Path, files: Mapping[str, str]) -> list[str]:
     """Names of files that are there and are not what their hashes say; what somebody has removed is no damage."""
 
-    def as_written(path: Path) -> bool:
+    def as_written(name: str) -> bool:
         try:
-            return path.is_file() and file_hash(path) == files[path.name]
+            return (folder / name).is_file() and file_hash(folder / name) == files[name]
         except OSError:
             return False
 
-    there = [folder / name for name in files if os.path.lexists(folder / name)]
-    return [path.name for path in there if not as_written(path)]
+    return [name for name in files if os.path.lexists(folder / name) and not as_written(name)]
 
 
 def file_hash(path: Path) -> str:

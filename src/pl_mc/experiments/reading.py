@@ -10,12 +10,13 @@ from typing import Any
 
 import pandas as pd
 
-from pl_mc.experiments.field_meanings import meanings_of
+from pl_mc.experiments.assuming import assumed_of
 from pl_mc.experiments.loading import build_experiment, in_this_version
 from pl_mc.experiments.output import record_files, result_folder
 from pl_mc.experiments.running import RunResult
 from pl_mc.experiments.source_files import experiment_of
 from pl_mc.input_errors import InputError, shown, system_reason
+from pl_mc.report.assumed import Assumed
 from pl_mc.report.charts import charts_of
 from pl_mc.report.comparison import Comparison, combined_tables, compare_runs, row_name
 from pl_mc.report.document import Document, FigureEntry, TableEntry
@@ -43,9 +44,9 @@ def remake_page(folder: Path) -> RunResult:
             stored no report and whose experiment means nothing today.
     """
     run = read_run_folder(folder)
-    document, meanings = _document(run)
+    document, assumed = _document(run)
     try:
-        write_page(replace(run, document=document), meanings=meanings)
+        write_page(replace(run, document=document), assumed=assumed)
         record_files(folder, [PAGE])
     except (LookupError, TypeError, ValueError, AttributeError, OverflowError, RecursionError) as error:
         if isinstance(error, InputError):
@@ -58,36 +59,41 @@ def remake_page(folder: Path) -> RunResult:
     return RunResult(folder=folder, summary=run.summary, notes=notes, answer=document.answer, page=PAGE)
 
 
-def _document(run: RunFolder) -> tuple[Document, dict[str, str]]:
-    """What a run has to say, and what the fields of its experiment mean."""
+def _document(run: RunFolder) -> tuple[Document, Assumed | None]:
+    """What a run has to say, and what its experiment assumes; nothing of that where this version cannot tell."""
     try:
-        experiment = build_experiment(run.experiment, source=MANIFEST)
+        experiment = build_experiment(experiment_of(run.manifest), source=MANIFEST)
     except InputError as error:
-        # A run of another version may have fields that this one does not know; the page does without their meaning.
+        # A run of another version may have fields that this one does not know; the page does without their meanings.
         if run.document is None:
             raise InputError(
                 f"{run.folder}: it holds no report.json, and its experiment is not one of today, from which the page "
                 f"could be made ({error})."
             ) from None
-        return run.document, {}
-    return run.document or document_of_files(run, experiment), meanings_of(experiment)
+        return run.document, None
+    return run.document or document_of_files(run, experiment), assumed_of(experiment)
 
 
 def tex_of(folder: Path, place: Path) -> str:
     """The tables of a run's summary as LaTeX, for a place where they can be written.
 
     Raises:
-        InputError: as `remake_page`; a place that is no ``.tex`` file in a folder that is there.
+        InputError: as `remake_page` and `require_place`.
     """
+    require_place("--tex", place, ".tex", folder)
+    return to_latex(_document(read_run_folder(folder))[0])
+
+
+def require_place(option: str, place: Path, suffix: str, folder: Path) -> None:
+    """Raise `InputError` unless an option names a file of an ending, in a folder that is there and not ``folder``."""
     try:
-        usable = place.suffix == ".tex" and place.parent.is_dir() and (place.is_file() or not os.path.lexists(place))
+        usable = place.suffix == suffix and place.parent.is_dir() and (place.is_file() or not os.path.lexists(place))
         if not usable or place.is_symlink():
-            raise InputError(f"--tex: {place}: the name of a .tex file in a folder that is there is needed.")
-        if place.parent.resolve() == folder.resolve():
-            raise InputError(f"--tex: {place}: it would be a foreign file in a results folder; name another folder.")
-        return to_latex(_document(read_run_folder(folder))[0])
+            raise InputError(f"{option}: {place}: the name of a {suffix} file in a folder that is there is needed.")
+        if folder.resolve() in (one.resolve() for one in place.absolute().parents):
+            raise InputError(f"{option}: {place}: it would be a foreign file in a results folder; name another folder.")
     except OSError as error:
-        raise InputError(f"--tex: {shown(str(place))}: it cannot be written ({system_reason(error)}).") from None
+        raise InputError(f"{option}: {shown(str(place))}: it cannot be written ({system_reason(error)}).") from None
 
 
 def write_tex(place: Path, tables: str) -> None:

@@ -14,7 +14,7 @@ from pathlib import Path
 from typing import Any
 
 from pl_mc.engine import Execution, checkpoint_store
-from pl_mc.experiments.field_meanings import meanings_of
+from pl_mc.experiments.assuming import assumed_of
 from pl_mc.experiments.loading import build_experiment
 from pl_mc.experiments.output import (
     RECORD,
@@ -30,6 +30,7 @@ from pl_mc.experiments.output import (
     writing,
 )
 from pl_mc.input_errors import InputError, system_reason
+from pl_mc.report.assumed import ASSUMED
 from pl_mc.report.files import to_markdown, write_findings
 from pl_mc.report.page import PAGE, write_page
 from pl_mc.report.run_folder import MANIFEST, folder_name, read_run_folder
@@ -85,7 +86,7 @@ def run_experiment(
         InputError: input that cannot be used, or a folder that cannot be written.
         Interrupted: by Ctrl-C.
     """
-    folder = _folder(name, out)
+    folder = results_place(name, out)
     how = execution or Execution()
     study = study_of(experiment)
     place = Unfinished(folder)
@@ -113,9 +114,11 @@ def run_experiment(
             pictures=lambda tables: study.pictures(tables, experiment),
             look=experiment.figures.look,
         )
+        assumed = assumed_of(experiment)
+        write_whole(working / ASSUMED, assumed.markdown(document.title, document.notes))
         seconds = time.perf_counter() - begin
         write_manifest(working, name=name, experiment=experiment, notes=document.notes, seconds=seconds)
-        write_page(read_run_folder(working), meanings=meanings_of(experiment), shown_as=folder)
+        write_page(read_run_folder(working), assumed=assumed, shown_as=folder)
         record_files(working, [PAGE])
     notes = tuple(dict.fromkeys([*said, *document.notes]))
     summary = to_markdown(document.title, document.summary, notes)
@@ -144,7 +147,7 @@ def run_shard(name: str, experiment: Experiment, out: Path | None, execution: Ex
         execution: with its shard.
     """
     assert execution.shard is not None
-    place = Unfinished(_folder(name, out))
+    place = Unfinished(results_place(name, out))
     # Shares of one run may store their parts in one folder: those of others are no obstacle.
     how = replace(execution, resume=True)
     sweeps = _sweeps(experiment)
@@ -221,7 +224,7 @@ def _parts(
             place.remove()
 
 
-def _folder(name: str, out: Path | None) -> Path:
+def results_place(name: str, out: Path | None) -> Path:
     """Where the results go: what was asked for, or a folder by the name of the experiment."""
     name = folder_name(name, source="experiment")
     folder = Path("runs") / name if out is None else Path(out)

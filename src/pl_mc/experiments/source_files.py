@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 import tomllib
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
@@ -62,9 +63,19 @@ def read_source(which: str) -> ExperimentSource:
 
 def experiment_of(manifest: Mapping[str, Any]) -> Mapping[str, Any]:
     """The experiment of a manifest, with the defaults of the version that wrote it where today's are others."""
+    manifest = _at_home(manifest)
     versions = manifest.get("versions")
     first = isinstance(versions, Mapping) and versions.get("pl_mc") == "0.1.0"
     return _with_ten_iterations(manifest["experiment"]) if first else manifest["experiment"]
+
+
+def _at_home(content: Any) -> Any:
+    """A manifest with the user's home in the place of ``~`` in paths."""
+    if isinstance(content, Mapping):
+        return {key: _at_home(value) for key, value in content.items()}
+    if isinstance(content, list):
+        return [_at_home(value) for value in content]
+    return os.path.expanduser(content) if isinstance(content, str) and content.startswith("~/") else content
 
 
 def _with_ten_iterations(content: Mapping[str, Any]) -> dict[str, Any]:

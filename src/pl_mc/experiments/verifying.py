@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import os
-import platform
 import tempfile
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
@@ -14,9 +13,9 @@ import numpy as np
 import pandas as pd
 
 from pl_mc.engine import Execution
-from pl_mc.engine.part_task import environment
 from pl_mc.experiments.loading import load_experiment
-from pl_mc.experiments.output import REDRAWN, changed_files, content_hash, input_hashes, recorded_versions
+from pl_mc.experiments.output import REDRAWN, changed_files, content_hash, input_hashes, written_files
+from pl_mc.experiments.provenance import machine, recorded_versions
 from pl_mc.experiments.redrawing import redraw
 from pl_mc.experiments.running import run_experiment
 from pl_mc.input_errors import InputError, shown, system_reason
@@ -29,6 +28,9 @@ _TABLE = ".csv"
 
 # Bytes of a name that file systems take, at most.
 _LONGEST_NAME = 255
+
+# Folders within folders of a run, and the one in which sweeps have kept their rows in every version.
+_DEEPEST, _ROWS = 8, ("epochs",)
 
 
 @dataclass(frozen=True)
@@ -105,7 +107,7 @@ def _verified(folder: Path, partial: bool, redo: bool, progress: bool | None) ->
     total, files = manifest.pop("sha256", None), manifest.get("files")
     if not isinstance(files, dict) or not files or total is None:
         raise InputError(f"{folder / MANIFEST}: it names no hashes of files, as those of version 0.1.0 do not.")
-    odd = next((name for name in files if not _is_plain(name)), None)
+    odd = next((name for name in files if not is_plain(name)), None)
     if odd is not None:
         raise InputError(f"{folder / MANIFEST}: files: {shown(odd)} is no name of a file in the folder.")
     changed = [] if total == content_hash(manifest) else [MANIFEST]
@@ -113,9 +115,11 @@ def _verified(folder: Path, partial: bool, redo: bool, progress: bool | None) ->
     # A link is no file that the run wrote, whatever it leads to.
     links = [name for name in there if (folder / name).is_symlink()]
     changed += dict.fromkeys([*changed_files(folder, files), *links])
+    foreign, unhashed = _foreign(folder, files)
     inputs, notes = ([], []) if MANIFEST in changed else _inputs(folder, manifest)
     if PAGE not in files and (folder / PAGE).exists():
-        notes.append(f"{PAGE}: the run was of a version that kept no hash of it.")
+        unhashed.append(PAGE)
+    notes += [f"{name}: the run was of a version that kept no hash of it." for name in unhashed]
     if redo and MANIFEST in changed:
         notes.append(f"{MANIFEST}: since it is not what the run wrote, nothing was run again.")
     found = Verified(
@@ -123,22 +127,27 @@ def _verified(folder: Path, partial: bool, redo: bool, progress: bool | None) ->
         intact=tuple(name for name in there if name not in changed),
         changed=tuple(changed),
         missing=() if partial else tuple(sorted(set(files) - set(there))),
-        foreign=tuple(_foreign(folder, files)),
+        foreign=tuple(foreign),
         inputs=tuple(inputs),
         notes=tuple(notes),
     )
     return _redone(found, manifest, progress) if redo and MANIFEST not in changed else found
 
 
-def _is_plain(name: str) -> bool:
-    """Whether a name is that of a file in a folder, and can be shown as it is."""
-    return name.isprintable() and 0 < len(name) <= _LONGEST_NAME and Path(name).name == name != ".."
+def is_plain(name: str) -> bool:
+    """Whether a name is that of a file in a folder or in a folder of it, and can be shown as it is."""
+    parts = name.split("/")
+    within = all(0 < len(part) <= _LONGEST_NAME and part not in (".", "..") for part in parts)
+    return name.isprintable() and within and len(parts) <= _DEEPEST and "\\" not in name
 
 
-def _foreign(folder: Path, files: Mapping[str, str]) -> list[str]:
-    known = {*files, MANIFEST, PAGE}
-    names = sorted(path.name for path in folder.iterdir() if path.name not in known)
-    return [name if name.isprintable() else shown(name) for name in names]
+def _foreign(folder: Path, files: Mapping[str, str]) -> tuple[list[str], list[str]]:
+    """Files that the run did not write; and folders of which its version kept no hashes."""
+    names = [name for name in written_files(folder) if name not in (*files, PAGE)]
+    inside = dict.fromkeys(name.partition("/")[0] for name in names if "/" in name)
+    unhashed = [] if any("/" in name for name in files) else [name for name in inside if name in _ROWS]
+    names = [name for name in names if name.partition("/")[0] not in unhashed]
+    return [name if name.isprintable() else shown(name) for name in names], unhashed
 
 
 def _inputs(folder: Path, manifest: Mapping[str, Any]) -> tuple[list[str], list[str]]:
@@ -152,7 +161,9 @@ def _inputs(folder: Path, manifest: Mapping[str, Any]) -> tuple[list[str], list[
         return [], [f"What the run read is not at hand, and was not held against anything ({str(error).rstrip('.')})."]
     except OSError as error:
         return [], [f"{error.filename}: the run read it, and it cannot be read ({system_reason(error)})."]
-    return [f"{field}: {was} then, {is_} now." for field, was, is_ in changed_fields(recorded, now)], []
+    # An earlier version recorded fewer.
+    known = {field: value for field, value in now.items() if field in recorded}
+    return [f"{field}: {was} then, {is_} now." for field, was, is_ in changed_fields(recorded, known)], []
 
 
 def _redone(found: Verified, manifest: Mapping[str, Any], progress: bool | None) -> Verified:
@@ -167,7 +178,7 @@ def _redone(found: Verified, manifest: Mapping[str, Any], progress: bool | None)
         # A page names versions, machine and time.
         compared = [file for file in manifest["files"] if file != PAGE and (found.folder / file).is_file()]
         same = [file for file in compared if _equal(found.folder / file, again / file)]
-        others = [_difference(found.folder / file, again / file) for file in compared if file not in same]
+        others = [f"{file}: {_difference(found.folder / file, again / file)}" for file in compared if file not in same]
     notes = list(found.notes)
     if others:
         notes += _explanations(manifest)
@@ -181,22 +192,22 @@ def _equal(one: Path, other: Path) -> bool:
 def _difference(one: Path, other: Path) -> str:
     """What is different in a file that is not the same."""
     if not other.is_file():
-        return f"{one.name}: another run does not write it."
+        return "another run does not write it."
     if one.suffix != _TABLE:
-        return f"{one.name}: another run writes it otherwise."
+        return "another run writes it otherwise."
     try:
         before, now = (pd.read_csv(path, keep_default_na=False, na_values=[""]) for path in (one, other))
     except ValueError:
-        return f"{one.name}: it is no table, which another run writes."
+        return "it is no table, which another run writes."
     if list(before.columns) != list(now.columns) or len(before) != len(now):
         if len(before) != len(now):
-            return f"{one.name}: another run writes {len(now):,} rows, not {len(before):,}."
-        return f"{one.name}: another run writes other columns."
+            return f"another run writes {len(now):,} rows, not {len(before):,}."
+        return "another run writes other columns."
     worst = max((_apart(before[name], now[name]), name) for name in before.columns)
     if worst[0] == 0.0:
-        return f"{one.name}: the same numbers, written otherwise."
+        return "the same numbers, written otherwise."
     size = "other words" if np.isinf(worst[0]) else f"by up to {worst[0]:.1g} of its value"
-    return f"{one.name}: {worst[1]} comes out different ({size})."
+    return f"{worst[1]} comes out different ({size})."
 
 
 def _apart(before: pd.Series, now: pd.Series) -> float:
@@ -213,8 +224,11 @@ def _apart(before: pd.Series, now: pd.Series) -> float:
 
 def _explanations(manifest: Mapping[str, Any]) -> Sequence[str]:
     """What is different between then and now, and may be the reason."""
-    now = {"versions": recorded_versions(), "machine": {"system": platform.system(), **environment()}}
-    changed = changed_fields({part: manifest.get(part, {}) for part in now}, now)
+    now = {"versions": recorded_versions(), "machine": machine()}
+    then = {part: manifest.get(part) or {} for part in now}
+    # An earlier version recorded less.
+    known = {part: {key: value for key, value in now[part].items() if key in then[part]} for part in now}
+    changed = changed_fields(then, known)
     if not changed:
         return ["Versions and processor are those of the run: nothing explains a difference."]
     return [f"What may be the reason: {'; '.join(f'{field}: {was} then, {is_} now' for field, was, is_ in changed)}."]

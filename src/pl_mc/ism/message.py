@@ -15,7 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pl_mc.constants import MOST_SATELLITES
-from pl_mc.input_errors import InputError, nearest, require_number, shown
+from pl_mc.input_errors import InputError, known_options, nearest, require_number, shown
 from pl_mc.ism.codes import CODES, EACH, LETTERS, number_of
 
 # One value for all, or values by satellite ("G07") or constellation ("G").
@@ -30,6 +30,7 @@ LEAST_PRIOR, MOST_M, MOST_PER_H, MOST_H = 1e-100, 1e9, 1.0, 1e6
 _PRODUCTS = (("p_sat", "r_sat_per_h", "mfd_sat_h"), ("p_const", "r_const_per_h", "mfd_const_h"))
 
 
+@known_options("ism")
 @dataclass(frozen=True)
 class Ism:
     """What a constellation provider promises about errors and faults, by satellite or by constellation.

@@ -28,30 +28,33 @@ from pl_mc.methods.separated import Separated
 from pl_mc.methods.slope import Slope
 from pl_mc.methods.tukey import Tukey
 from pl_mc.methods.w_test import WTest
-from pl_mc.named import as_records, build_named
+from pl_mc.named import as_records, build_named, registry
 
-METHODS: dict[str, type] = {
-    "ls": Ls,
-    "igg3": Igg3,
-    "igg3_gated": GatedIgg3,
-    "araim": Araim,
-    "separated": Separated,
-    "ibpl": Ibpl,
-    "slope": Slope,
-    "max_dop": MaxDop,
-    "parity": Parity,
-    "w_test": WTest,
-    "leave_one_out": LeaveOneOut,
-    "range_comparison": RangeComparison,
-    "nioraim": Nioraim,
-    "sbas": Sbas,
-    "huber": Huber,
-    "tukey": Tukey,
-    "hampel": Hampel,
-    "danish": Danish,
-    "l1": L1,
-    "mm": MM,
-}
+METHODS = registry(
+    "method",
+    {
+        "ls": Ls,
+        "igg3": Igg3,
+        "igg3_gated": GatedIgg3,
+        "araim": Araim,
+        "separated": Separated,
+        "ibpl": Ibpl,
+        "slope": Slope,
+        "max_dop": MaxDop,
+        "parity": Parity,
+        "w_test": WTest,
+        "leave_one_out": LeaveOneOut,
+        "range_comparison": RangeComparison,
+        "nioraim": Nioraim,
+        "sbas": Sbas,
+        "huber": Huber,
+        "tukey": Tukey,
+        "hampel": Hampel,
+        "danish": Danish,
+        "l1": L1,
+        "mm": MM,
+    },
+)
 
 
 def method(name: str, **options: Any) -> Method:

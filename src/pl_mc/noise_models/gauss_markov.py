@@ -14,9 +14,10 @@ import jax.numpy as jnp
 import numpy as np
 from jax import Array
 
-from pl_mc.input_errors import InputError, require_positive, shown
+from pl_mc.input_errors import InputError, known_options, require_positive, shown
 
 
+@known_options("noise gauss_markov")
 @dataclass(frozen=True)
 class GaussMarkov:
     """The process.

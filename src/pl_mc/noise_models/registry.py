@@ -7,7 +7,7 @@ from typing import Any
 
 from pl_mc.geometry.record import Geometry
 from pl_mc.input_errors import InputError, shown
-from pl_mc.named import build_named
+from pl_mc.named import build_named, registry
 from pl_mc.noise_models.base import Gaussian, NoiseModel
 from pl_mc.noise_models.empirical import Empirical
 from pl_mc.noise_models.gauss_markov import GaussMarkov
@@ -15,14 +15,17 @@ from pl_mc.noise_models.heavy_tails import GaussianMixture, StudentT
 from pl_mc.noise_models.off_centre import Multipath, NominalBias
 from pl_mc.runtime.model_files import is_model_file, model_in_file
 
-NOISE_MODELS: dict[str, type] = {
-    "gaussian": Gaussian,
-    "student_t": StudentT,
-    "gaussian_mixture": GaussianMixture,
-    "multipath": Multipath,
-    "nominal_bias": NominalBias,
-    "empirical": Empirical,
-}
+NOISE_MODELS = registry(
+    "noise",
+    {
+        "gaussian": Gaussian,
+        "student_t": StudentT,
+        "gaussian_mixture": GaussianMixture,
+        "multipath": Multipath,
+        "nominal_bias": NominalBias,
+        "empirical": Empirical,
+    },
+)
 
 
 def noise_model(name: str, **options: Any) -> NoiseModel:

@@ -11,7 +11,7 @@ import io
 import math
 import re
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from importlib import metadata, resources
 from pathlib import Path
 from typing import Any
@@ -23,9 +23,11 @@ from markdown_it import MarkdownIt
 from markupsafe import Markup
 
 from pl_mc.input_errors import InputError, system_reason
+from pl_mc.report.assumed import ASSUMED, Assumed
 from pl_mc.report.charts import charts_of
 from pl_mc.report.document import Block, FigureEntry, Heading, Paragraph
 from pl_mc.report.run_folder import RunFolder, flat_fields, value_text
+from pl_mc.runtime.typed_command import without_home
 from pl_mc.runtime.whole_files import write_whole
 
 PAGE = "report.html"
@@ -94,12 +96,12 @@ class PageFigure:
     size: tuple[int, int] | None
 
 
-def write_page(run: RunFolder, *, meanings: Mapping[str, str], shown_as: Path | None = None) -> None:
+def write_page(run: RunFolder, *, assumed: Assumed | None = None, shown_as: Path | None = None) -> None:
     """Write ``report.html`` into a results folder.
 
     Args:
         run: the folder as it is read back, with a document.
-        meanings: what the fields of the experiment mean, by their path.
+        assumed: the conditions of its numbers; the fields of the experiment alone stand there unless given.
         shown_as: the folder as the page names it, where it is still to be moved there.
 
     Raises:
@@ -107,12 +109,12 @@ def write_page(run: RunFolder, *, meanings: Mapping[str, str], shown_as: Path | 
     """
     path = run.folder / PAGE
     try:
-        write_whole(path, page_of_run(run, meanings=meanings, shown_as=shown_as or run.folder))
+        write_whole(path, page_of_run(run, assumed=assumed, shown_as=shown_as or run.folder))
     except OSError as error:
         raise InputError(f"{path}: the page cannot be written ({system_reason(error)}).") from None
 
 
-def page_of_run(run: RunFolder, *, meanings: Mapping[str, str], shown_as: Path) -> str:
+def page_of_run(run: RunFolder, *, assumed: Assumed | None = None, shown_as: Path) -> str:
     """The page as text."""
     document = run.document
     assert document is not None
@@ -128,9 +130,11 @@ def page_of_run(run: RunFolder, *, meanings: Mapping[str, str], shown_as: Path) 
         "answer": [_unbroken(sentence) for sentence in document.answer],
         "charts": charts,
         "tables": page_tables({name: run.tables[name] for name in shown}),
-        "fields": fields_table(run.experiment, meanings),
+        "lead": () if assumed is None else assumed.lead,
+        "fields": fields_table(run.experiment) if assumed is None else conditions_table(assumed),
+        "assumed_file": ASSUMED if (run.folder / ASSUMED).is_file() else "",
         "inputs": run.manifest.get("inputs") or {},
-        "folder": shown_as.as_posix(),
+        "folder": without_home(shown_as.as_posix()),
     }
     light = render("report.html", content | {"figures": []})
     spare = MOST_BYTES - len(light.encode()) - 4_000 * len(document.figures) - 10_000
@@ -198,12 +202,17 @@ def text_table(title: str, labels: Sequence[str], rows: Sequence[Sequence[object
     return PageTable(title, tuple(map(PageColumn, labels)), texts, open=True)
 
 
-def fields_table(experiment: Mapping[str, Any], meanings: Mapping[str, str]) -> PageTable:
-    """The fields of an experiment with their values and, where known, meanings."""
-    fields = flat_fields(experiment)
-    rows = [(path, value_text(value), meanings.get(path, "")) for path, value in fields.items()]
-    known = ("field", "value", "meaning") if any(row[2] for row in rows) else ("field", "value")
-    return text_table("fields of the experiment", known, [row[: len(known)] for row in rows])
+def fields_table(experiment: Mapping[str, Any]) -> PageTable:
+    """The fields of an experiment with their values."""
+    rows = [(path, value_text(value)) for path, value in flat_fields(experiment).items()]
+    return text_table("fields of the experiment", ("field", "value"), rows)
+
+
+def conditions_table(assumed: Assumed) -> PageTable:
+    """Every field and option with its value and meaning."""
+    rows = [(one.topic, one.field, one.said, one.meaning) for one in assumed.conditions]
+    title = f"fields of the experiment and options, with what nobody typed: {len(rows)}"
+    return replace(text_table(title, ("about", "field", "value", "meaning"), rows), open=len(rows) <= MOST_ROWS)
 
 
 def page_figures(folder: Path, entries: Sequence[FigureEntry], *, most_bytes: int) -> list[PageFigure]:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import io
 import re
+import shlex
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 from pathlib import Path
@@ -190,7 +191,8 @@ def folder_name(name: object, *, source: str) -> str:
 
 def _in_form(manifest: dict[str, Any]) -> dict[str, Any]:
     """The manifest as a page takes it, whatever stands in it: what is missing or of another form is left out."""
-    given = {field: manifest[field] for field in ("versions", "machine", "noise", "inputs") if field in manifest}
+    parted = ("versions", "machine", "noise", "inputs", "code")
+    given = {field: manifest[field] for field in parted if field in manifest}
     tables = {field: value if isinstance(value, dict) else {} for field, value in given.items()}
     inputs = {
         field: {key: str(record.get(key, "unknown")) for key in ("file", "sha256")}
@@ -199,7 +201,16 @@ def _in_form(manifest: dict[str, Any]) -> dict[str, Any]:
     }
     versions = {"pl_mc": "of an unknown version"} | tables.get("versions", {})
     notes = manifest.get("notes")
-    parts: dict[str, Any] = {"machine": {}, "noise": {}} | tables | {"inputs": inputs, "versions": versions}
+    command, date = manifest.get("command"), manifest.get("date")
+    parts: dict[str, Any] = {"machine": {}, "noise": {}, "code": {}} | tables | {"inputs": inputs, "versions": versions}
+    parts["command"] = shlex.join(map(str, command)) if isinstance(command, list) else ""
+    installed = manifest.get("installed")
+    parts["installed"] = {
+        name: {key: str(value) for key, value in about.items()}
+        for name, about in (installed.items() if isinstance(installed, dict) else ())
+        if isinstance(about, dict) and "version" in about
+    }
+    parts["date"] = date if isinstance(date, str) else ""
     return manifest | parts | {"notes": notes if isinstance(notes, list) else []}
 
 

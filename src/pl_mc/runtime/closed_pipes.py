@@ -6,8 +6,8 @@ import contextlib
 import os
 import select
 import sys
-from collections.abc import Iterator
-from typing import TextIO
+from collections.abc import Callable, Iterator, Sequence
+from typing import Any, TextIO
 
 from pl_mc.input_errors import system_reason
 
@@ -23,17 +23,52 @@ def quiet_end() -> Iterator[None]:
     takes no more output, as on a full disk, with a sentence and the code 2. Another pipe that breaks, such as one to a
     worker, is an error as everywhere.
     """
+    before = sys.stdout, sys.stderr
+    watched = [None if stream is None else _Watched(stream) for stream in before]
+    sys.stdout, sys.stderr = watched
+    try:
+        with _quiet(watched):
+            yield
+    finally:
+        sys.stdout, sys.stderr = before
+
+
+class _Watched:
+    """A stream that knows whether it has refused something: one that holds nothing back has nothing left to flush."""
+
+    def __init__(self, stream: TextIO) -> None:
+        self._stream, self.refused = stream, False
+
+    def __getattr__(self, name: str) -> Any:
+        return getattr(self._stream, name)
+
+    def write(self, text: str) -> int:
+        return self._tried(self._stream.write, text)
+
+    def flush(self) -> None:
+        self._tried(self._stream.flush)
+
+    def _tried(self, act: Callable[..., Any], *given: str) -> Any:
+        try:
+            return act(*given)
+        except OSError:
+            self.refused = True
+            raise
+
+
+@contextlib.contextmanager
+def _quiet(streams: Sequence[_Watched | None]) -> Iterator[None]:
     try:
         try:
             yield
         finally:
-            if sys.stdout is not None:
-                sys.stdout.flush()
+            if streams[0] is not None:
+                streams[0].flush()
     except SystemExit as end:
         # Pages of help are printed by a library that has met the pipe itself.
         raise SystemExit(EXIT_CODE if isinstance(end.__context__, BrokenPipeError) else end.code) from None
     except OSError as error:
-        closed = [stream for stream in (sys.stdout, sys.stderr) if stream is not None and _refuses(stream)]
+        closed = [stream for stream in streams if stream is not None and (stream.refused or _refuses(stream))]
         if not closed:
             raise
         for stream in closed:
@@ -42,11 +77,12 @@ def quiet_end() -> Iterator[None]:
                 os.dup2(nowhere.fileno(), stream.fileno())
         if isinstance(error, BrokenPipeError):
             sys.exit(EXIT_CODE)
-        print(f"pl-mc: the output cannot be written ({system_reason(error)}).", file=sys.stderr)
+        with contextlib.suppress(OSError):
+            print(f"pl-mc: the output cannot be written ({system_reason(error)}).", file=sys.stderr)
         sys.exit(2)
 
 
-def _refuses(stream: TextIO) -> bool:
+def _refuses(stream: _Watched) -> bool:
     """Whether a stream takes nothing more: a pipe that nobody reads, a file on a full disk."""
     try:
         stream.flush()

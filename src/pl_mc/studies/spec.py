@@ -316,16 +316,6 @@ def satellite_files(part: object, field: str) -> dict[str, Path]:
     return {name: path for name, path in paths.items() if path is not None}
 
 
-def ism_files(content: Any, within: str = "") -> dict[str, Path]:
-    """The files of integrity support messages anywhere in the fields of an experiment, by field."""
-    parts = enumerate(content) if isinstance(content, list) else content.items() if isinstance(content, dict) else ()
-    found: dict[str, Path] = {}
-    for key, value in parts:
-        found |= {f"{within}{key}": Path(value)} if key == "ism" and isinstance(value, str) else {}
-        found |= ism_files(value, f"{within}{key}.")
-    return found
-
-
 class NoiseChoice(NamedChoice):
     """A noise model by name; every further field is an option of that model."""
 

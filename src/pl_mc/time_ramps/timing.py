@@ -22,7 +22,7 @@ from pl_mc.kernels.parameters import as_trees
 from pl_mc.methods import METHODS, Method
 from pl_mc.methods.capabilities import refusal
 from pl_mc.methods.registry import fit_for
-from pl_mc.named import as_records, build_named
+from pl_mc.named import as_records, build_named, registry
 from pl_mc.runtime.precision import precision_scope
 from pl_mc.runtime.progress import progress_bar
 from pl_mc.statistics.intervals import clopper_pearson, rate_columns
@@ -38,9 +38,9 @@ CONFIDENCE = 0.95
 _MOST_RATE = 1e6
 LIMITS_S = (6, 10, 30)
 QUANTILES = (50, 95)
-SEQUENTIAL: dict[str, type] = {
+SEQUENTIAL = registry("sequential test", {
     "sequential_parity": SequentialParity, "kalman": KalmanInnovation, "filter_bank": FilterBank,
-}  # fmt: skip
+})  # fmt: skip
 DEFAULT_METHODS = ("ls", "igg3", "slope", "parity", "w_test", "araim", "sequential_parity", "kalman")
 
 # Passes of the calibration, of its check, and with ramps are independent of each other.

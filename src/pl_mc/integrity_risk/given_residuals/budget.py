@@ -12,7 +12,7 @@ from pl_mc.alert import HORIZONTAL, VERTICAL
 from pl_mc.araim.budget import LPV_200
 from pl_mc.arrays import FloatArray
 from pl_mc.geometry.record import Geometry
-from pl_mc.input_errors import InputError, require_number, require_within
+from pl_mc.input_errors import InputError, known_options, require_number, require_within
 from pl_mc.integrity_risk.modes.fault_modes import (
     FAULT_FREE,
     P_SAT,
@@ -26,6 +26,7 @@ from pl_mc.integrity_risk.modes.fault_modes import (
 TARGETS = {VERTICAL: LPV_200.p_hmi_vertical, HORIZONTAL: LPV_200.p_hmi_horizontal}
 
 
+@known_options("budget")
 @dataclass(frozen=True)
 class RiskBudget:
     """The risk that an error exceeds its level, and the faults that share it; all per sample.

@@ -156,8 +156,8 @@ def samples_of(duration_s: float, interval_s: float) -> int:
 
 def _taus(tau_s: ArrayLike) -> list[float]:
     values = np.atleast_1d(require_numbers(tau_s, field="tau_s"))
-    if values.ndim != 1 or values.size == 0:
-        raise InputError("tau_s: one row of correlation times is needed.")
+    if values.ndim != 1 or values.size == 0 or np.unique(values).size < values.size:
+        raise InputError("tau_s: one row of different correlation times is needed.")
     return [GaussMarkov(float(value)).tau_s for value in values]
 
 

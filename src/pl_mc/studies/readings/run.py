@@ -6,6 +6,7 @@ Nothing is tuned: every reading stands in the file, and the defaults of the pack
 from __future__ import annotations
 
 from collections.abc import Mapping
+from pathlib import Path
 from typing import Annotated, Any, Literal
 
 import numpy as np
@@ -64,6 +65,19 @@ class ReadingsExperiment(ByOneAxis):
     compare: Literal["static", "dynamic"]
     redraws: int = Field(default=20, ge=0)
     readings: Annotated[tuple[Reading, ...], Field(min_length=1)]
+
+    def input_files(self) -> Mapping[str, Path]:
+        """Those of the first reading, and those that others put in their place."""
+        files: dict[str, Path] = {}
+        for k, reading in enumerate(self.readings):
+            for name, path in self.series(reading).input_files().items():
+                if files.setdefault(name, path) != path:
+                    files[f"readings.{k}.{name}"] = path
+        return files
+
+    def base(self) -> SeriesExperiment:
+        """The base, of which no reading changes anything."""
+        return self.series(Reading(label="base", varies="nothing"))
 
     def series(self, reading: Reading) -> SeriesExperiment:
         """The series of one reading; an `InputError` names an unsound field."""
