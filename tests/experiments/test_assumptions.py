@@ -83,7 +83,7 @@ def test_another_number_in_any_field_is_another_text(name: str) -> None:
     silent = []
     for field, other in changed(experiment):
         assert isinstance(other, Experiment)
-        if field not in UNSAID and assumed_of(other).markdown(experiment.title) == before:
+        if field.split(".")[0] not in UNSAID and assumed_of(other).markdown(experiment.title) == before:
             silent.append(field)
     assert silent == []
 

@@ -67,8 +67,8 @@ TOPICS: dict[str, tuple[str, ...]] = {
 _TOPIC = {field: topic for topic, fields in TOPICS.items() for field in fields}
 _EVERYWHERE = ("error_model", "error_options", "noise", "p_fa")
 
-# A title is the heading of all this, and the kind decides which fields there are.
-UNSAID = ("title", "kind")
+# A title is the heading of all this, the kind decides which fields there are, and how a figure looks changes no number.
+UNSAID = ("title", "kind", "figures")
 
 _NAMED: Mapping[str, Any] = METHODS | DETECTORS | NOISE_MODELS | SEQUENTIAL
 # Tables of fields that a record keeps as they are written.
