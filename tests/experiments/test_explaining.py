@@ -4,7 +4,10 @@ from __future__ import annotations
 
 import dataclasses
 import json
+from pathlib import Path
 
+import pandas as pd
+import pyarrow.parquet as pq
 import pytest
 
 from pl_mc.cli.main import main
@@ -13,6 +16,7 @@ from pl_mc.experiments.explaining import explain
 from pl_mc.input_errors import InputError
 from pl_mc.kernels.events import EVENTS, EXCLUSIONS
 from pl_mc.methods.registry import METHODS
+from pl_mc.report.columns import column_meaning, named_columns
 from pl_mc.studies.registry import KINDS
 
 
@@ -66,3 +70,39 @@ def test_terms_and_operations() -> None:
     for word in ("VAL", "hal", "level", "k_50", "bias_m", "discontinuity", "filter_bank"):
         assert explain(word)
     assert explain("k_50_low") == ["column: lower end of the 95 % interval of k_50.", *explain("k_50")]
+
+
+RESULTS = Path(__file__).parents[2] / "results"
+# What is no experiment: measurements of the machine and of the tests themselves.
+OTHERS = ("bench", "scaling", "fuzz", "conformance", "convergence")
+
+
+def test_every_column_of_every_stored_table_has_a_meaning() -> None:
+    silent = {}
+    for path in sorted([*RESULTS.rglob("*.csv"), *RESULTS.rglob("*.parquet")]):
+        if path.relative_to(RESULTS).parts[0] in OTHERS:
+            continue
+        columns = pq.read_schema(path).names if path.suffix == ".parquet" else pd.read_csv(path, nrows=0).columns
+        silent |= {column: path.name for column in columns if not column_meaning(column)}
+        for column in columns:
+            assert explain(column)[0].strip(), column
+    assert silent == {}
+
+
+def test_columns_whose_names_rules_make() -> None:
+    assert explain("vpl_95_m") == ["column: vpl that is not exceeded in 95 % of the draws [m]."]
+    assert explain("alarm_rate_50m")[0].startswith("column: share of draws with the event alarm under 50 m on one")
+    assert explain("within_6_low") == [
+        "column: lower end of the 95 % interval of the rate of within_6.",
+        "column: share of decided_6 passes whose alarm came at most 6 s after the hazard began.",
+    ]
+    assert (
+        explain("alert_after_onset_50_high_s")[0] == "column: upper end of the 95 % interval of alert_after_onset_50_s."
+    )
+    assert explain("before_up_rms_m") == ["column: root mean square of the up error [m]; of the plain method."]
+    assert explain("swamped_rate")[0].startswith("column: share of the draws: both: a good satellite is thrown out")
+    for word in ("within_", "alarm_rate_m", "zzz_low", "before_zzz"):
+        with pytest.raises(InputError):
+            explain(word)
+    # Nothing is said twice, and no column is called by two names of one meaning by mistake.
+    assert len(named_columns()) == len(set(named_columns()))

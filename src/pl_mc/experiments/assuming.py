@@ -24,6 +24,7 @@ from pl_mc.kernels.noise import LANES
 from pl_mc.methods.registry import METHODS
 from pl_mc.noise_models.registry import NOISE_MODELS
 from pl_mc.report.assumed import Assumed, Condition
+from pl_mc.report.columns import LITERATURE
 from pl_mc.report.run_folder import flat_fields, value_text
 from pl_mc.studies.file_fields import without_folders
 from pl_mc.studies.spec import Experiment, NamedChoice
@@ -79,7 +80,6 @@ _DECIDES = {
     "vertical": "the vertical limit decides", "horizontal": "the horizontal limit decides",
     "either": "either limit decides",
 }  # fmt: skip
-_LITERATURE = (("misleading", "misleading information (MI)"), ("missed", "hazardously misleading information (HMI)"))
 
 
 def assumed_of(experiment: Experiment) -> Assumed:
@@ -107,7 +107,10 @@ def _lead(experiment: Experiment) -> Iterator[str]:
     else:
         yield "No alert limit decides in this kind of experiment."
     means = {event.name: event.meaning for event in EVENTS}
-    said = "; ".join(f"{event}, in the literature {name}, is: {means[event]}" for event, name in _LITERATURE)
+    said = "; ".join(
+        f"{event}, in the literature {name} ({short}), is: {means[event]}"
+        for event, (short, name) in LITERATURE.items()
+    )
     yield f"An alarm is: {means['alarm']}; exceeded is: {means['exceeded']}; {said}."
     yield (
         "Bounds of counted rates are two-sided 95 % Clopper-Pearson intervals of independent draws, where a table or a "

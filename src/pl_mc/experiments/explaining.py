@@ -22,16 +22,11 @@ from pl_mc.input_errors import InputError, nearest, shown
 from pl_mc.kernels.events import EVENTS, EXCLUSIONS
 from pl_mc.methods.registry import METHODS
 from pl_mc.noise_models.registry import NOISE_MODELS
+from pl_mc.report.columns import LITERATURE, bounded, column_meaning, named_columns
 from pl_mc.studies.registry import KINDS
 from pl_mc.time_ramps.timing import SEQUENTIAL
 
-# What the literature calls two of the events.
-_LITERATURE = {"misleading": ("MI", "misleading information"), "missed": ("HMI", "hazardously misleading information")}
-_BOUNDS = {"_low": "lower", "_high": "upper"}
-# What has bounds, beside rates.
-_BOUNDED = ("k_50",)
-
-# Quantities of the field, and columns that no record has a line for.
+# Quantities of the field.
 _TERMS = {
     "VAL": "vertical alert limit, the vertical error that an operation tolerates without an alarm",
     "HAL": "horizontal alert limit, the horizontal error that an operation tolerates without an alarm",
@@ -40,20 +35,6 @@ _TERMS = {
     "VPL": "vertical protection level; the column is vpl_m",
     "HPL": "horizontal protection level; the column is hpl_m",
     "VPL_R": "vertical protection level of the IGG-III estimate (Zhao et al. 2021, eqs 17-19)",
-    "vpl_m": "vertical protection level [m]; missing where there is no solution",
-    "hpl_m": "horizontal protection level [m]; missing where there is no solution",
-    "east_m": "east error of the position [m]",
-    "north_m": "north error of the position [m]",
-    "up_m": "up error of the position [m]",
-    "fault": "the fault's label, as --fault takes it",
-    "bias_m": "bias of a fault on one satellite [m]; 0 without a fault, missing for several satellites",
-    "k_50": "median over geometries of the multiplier that keeps the budget, k_50_low and k_50_high that of its bounds",
-    "k_99": "multiplier that is enough at 99 % of the geometries",
-    "level_mean_m": "mean protection level without a fault, over the geometries [m]",
-    "kept": "geometries at which the budget is kept",
-    "discontinuity": "alarms of an approach: of its independent samples without a fault, and the prior of each "
-    "satellite times the alarms under its worst size",
-    "slope": "largest error of a fault per unit of its trace in the residuals, in sigma of the error",
 }
 
 
@@ -66,16 +47,13 @@ def explain(word: str) -> list[str]:
     known = _sentences()
     asked = word.strip().casefold()
     asked = asked if asked in known else "_".join(asked.split())
-    for ending, which in _BOUNDS.items():
-        base = asked.removesuffix(ending)
-        if asked not in known and base != asked:
-            rate = base if base in _BOUNDED else f"{base}_rate"
-            if rate in known:
-                of = f"the rate of {base}" if f"{base}_rate" in known else base
-                return [f"column: {which} end of the 95 % interval of {of}.", *known[rate]]
-    if asked not in known:
-        raise InputError(f"explain: {shown(word)} is no event, term, field, method or option ({nearest(word, known)}).")
-    return list(known[asked])
+    if asked in known:
+        return list(known[asked])
+    if not (text := column_meaning(asked)):
+        raise InputError(
+            f"explain: {shown(word)} is no event, term, column, field, method or option ({nearest(word, known)})."
+        )
+    return [f"column: {text}.", *(explain(of) if (of := bounded(asked)) else ())]
 
 
 @functools.cache
@@ -96,12 +74,10 @@ def _said(sort: str, text: str, owners: list[str]) -> str:
 def _words() -> Iterator[tuple[str, str, str, str]]:
     """Every word, with what it is, whose it is, and what it means."""
     for event in (*EVENTS, *EXCLUSIONS):
-        short, name = _LITERATURE.get(event.name, ("", ""))
+        short, name = LITERATURE.get(event.name, ("", ""))
         also = f"; {name} ({short}) in the literature" if short else ""
         for word in filter(None, (event.name, short)):
             yield word, f"event {event.name}", "", f"{event.meaning}{also}"
-        yield event.count, "column", "", f"draws with the event {event.name}, {event.meaning}"
-        yield f"{event.name}_rate", "column", "", f"share of the draws with the event {event.name}, {event.meaning}"
     for term, text in _TERMS.items():
         yield term, "term", "", text
     for name, limits in OPERATIONS.items():
@@ -121,6 +97,8 @@ def _words() -> Iterator[tuple[str, str, str, str]]:
     for kind, study in KINDS.items():
         yield kind, "kind of experiment", "", first_sentence(study.model)
         yield from _fields(study.model, kind)
+    for column in named_columns():
+        yield column, "column", "", column_meaning(column)
 
 
 def _fields(record: type[BaseModel], kind: str, above: str = "") -> Iterator[tuple[str, str, str, str]]:
