@@ -5,11 +5,14 @@ Formulas become MathML, which browsers draw by themselves, so that no page needs
 
 from __future__ import annotations
 
+import logging
+import os
 import re
 from typing import Any
 
 from docutils import nodes
 from docutils.utils.math.latex2mathml import tex2mathml
+from jupyter_client import KernelManager
 
 import pl_mc
 
@@ -18,11 +21,23 @@ author = "The pl_mc authors"
 copyright = "The pl_mc authors, MIT licence"
 version = release = pl_mc.__version__
 
-extensions = ["myst_parser", "sphinx.ext.autodoc", "sphinx.ext.napoleon"]
+extensions = ["myst_nb", "sphinx.ext.autodoc", "sphinx.ext.napoleon"]
 exclude_patterns = ["_build"]
 
 myst_enable_extensions = ["dollarmath"]
 myst_heading_anchors = 3
+
+# Notebooks are stored without outputs and run here, each in a process of its own. They compile longer than they run,
+# so that XLA takes its quick way.
+nb_execution_mode = "force"
+nb_execution_in_temp = True
+nb_execution_raise_on_error = True
+nb_execution_timeout = 240
+# What passes a port is encrypted, where the library can.
+if hasattr(KernelManager, "transport_encryption"):
+    KernelManager.transport_encryption.default_value = "auto"
+logging.getLogger("traitlets").setLevel(logging.WARNING)
+os.environ.setdefault("XLA_FLAGS", "--xla_backend_optimization_level=0 --xla_cpu_use_fusion_emitters=false")
 
 # Docstrings name things in single quotes, as in `pl_mc.sweep`: a link where the reference has it, else plain code.
 default_role = "py:obj"

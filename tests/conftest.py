@@ -197,6 +197,7 @@ LONGEST = (
     "kernels/test_twins.py",
     "cli/test_stopping.py",
     "integrity_risk/test_tuning.py",
+    "docs/test_site.py",
     "methods/test_protocol.py",
     "integrity_risk/test_worst_case.py",
     "experiments/test_axes_of_experiments.py",
