@@ -141,48 +141,45 @@ def way_of(item: pytest.Item) -> str:
 @pytest.hookimpl(tryfirst=True)
 def pytest_runtest_setup(item: pytest.Item) -> None:
     COMPILATION.choose(item.path, way_of(item))
-    DRAWING.choose(item.path, item.get_closest_marker("drawn") is not None)
+    DRAWING.choose(item.get_closest_marker("drawn") is not None)
 
 
 class Drawing:
-    """Figures that runs write: in each file of tests the first that says something is rendered, the others are copies.
+    """Figures that runs write: each process renders the first of a sort, and the others are copies of it.
 
-    A figure is known by its name and by the titles, axes and curves in it. Rendering took a third of the tests of
-    experiments, nearly all of which look at tables. Where files of figures are looked at or compared, or all words of
-    a figure, tests are marked ``drawn``, and every figure is rendered.
+    A sort is known by the name of the figure, its look, and the number and scales of its axes. Rendering took a third
+    of the tests of experiments, nearly all of which look at tables and at words. Where files of figures are looked at
+    or compared, tests are marked ``drawn``, and every figure is rendered.
     """
 
     def __init__(self) -> None:
-        self.file: Path | None = None
         self.always = True
         self.render: Any = None
         self.known: dict[Any, dict[str, bytes]] = {}
 
-    def choose(self, file: Path, always: bool) -> None:
-        if file != self.file:
-            self.file, self.known = file, {}
+    def choose(self, always: bool) -> None:
         self.always = always
         files = sys.modules.get("pl_mc.report.files")
         if files is not None and self.render is None:
             self.render, files.save_figure = files.save_figure, self.save  # type: ignore[attr-defined]
 
     def save(self, figure: Any, folder: Path, name: str) -> str:
-        said = tuple(
-            (axes.get_title(loc=side), axes.get_xlabel(), axes.get_ylabel(), axes.get_xscale(), axes.get_yscale(),
-             *axes.get_legend_handles_labels()[1])
-            for axes in figure.axes for side in ("left", "center")
-        )  # fmt: skip
-        # What could not be drawn has no axes.
         from pl_mc.report.look import look_now
 
-        key = (name, said, look_now())
-        known = self.known.get(key) if said and not self.always else None
+        look = look_now()
+        sort = (name, look, tuple((axes.get_xscale(), axes.get_yscale()) for axes in figure.axes))
+        # What could not be drawn has no axes.
+        known = self.known.get(sort) if figure.axes and not self.always else None
         if known is None:
             why = str(self.render(figure, folder, name))
             if not why:
-                files = [folder / f"{name}.{ending}" for ending in look_now().endings]
-                self.known[key] = {file.name: file.read_bytes() for file in files}
+                files = [folder / f"{name}.{ending}" for ending in look.endings]
+                self.known[sort] = {file.name: file.read_bytes() for file in files}
             return why
+        for axes in figure.axes:
+            # Names of ticks, which are words of the figure, are made when they are asked for.
+            axes.get_xticklabels()
+            axes.get_yticklabels()
         for file, content in known.items():
             (folder / file).write_bytes(content)
         return ""

@@ -342,7 +342,6 @@ def test_what_is_no_fault_of_a_receiver(
     assert words in capsys.readouterr().err
 
 
-@pytest.mark.drawn
 @pytest.mark.parametrize(
     ("options", "axis", "present", "absent"),
     [

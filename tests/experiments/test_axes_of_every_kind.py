@@ -64,7 +64,6 @@ def words_of(folder: Path) -> str:
     return (folder / "report.json").read_text() + (folder / "summary.md").read_text()
 
 
-@pytest.mark.drawn
 @pytest.mark.parametrize("kind", KINDS)
 def test_a_horizontal_limit_alone_is_judged_and_nothing_else_is_said_to_be(kind: str, tmp_path: Path) -> None:
     folder = run(KINDS[kind] | {"alert": RAIL}, tmp_path / "out")
@@ -267,7 +266,6 @@ RISK: dict[str, Any] = {
 }  # fmt: skip
 
 
-@pytest.mark.drawn
 def test_tuned_limits_horizontally(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(sys.modules[tune.__module__], "_STARTS", ())
     folder = run(TUNING | {"alert": RAIL}, tmp_path / "out")
@@ -310,7 +308,6 @@ def test_a_level_of_the_other_axis_is_no_objective() -> None:
         found["objectives"]()
 
 
-@pytest.mark.drawn
 def test_risks_horizontally(tmp_path: Path) -> None:
     folder = run(RISK | {"alert": RAIL}, tmp_path / "out")
     said = words_of(folder)

@@ -47,7 +47,6 @@ def words_of(folder: Path) -> str:
     return (folder / "report.json").read_text() + (folder / "summary.md").read_text()
 
 
-@pytest.mark.drawn
 @pytest.mark.parametrize("view", VIEWS)
 def test_a_horizontal_limit_alone_runs_to_a_page_that_never_says_vertical(view: str, tmp_path: Path) -> None:
     folder = run(RAMP | VIEWS[view] | {"alert": RAIL}, tmp_path / "out")
@@ -172,7 +171,6 @@ STANFORD: dict[str, Any] = {
 }  # fmt: skip
 
 
-@pytest.mark.drawn
 def test_a_stanford_diagram_of_the_horizontal(tmp_path: Path) -> None:
     folder = run(STANFORD | {"alert": RAIL}, tmp_path / "out")
     said = words_of(folder)

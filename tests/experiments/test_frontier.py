@@ -173,7 +173,6 @@ def test_the_answer_names_the_smallest_level(found) -> None:
     assert {picture.name for picture in STUDY.pictures(found.data, experiment)} == {"frontier", "multipliers"}
 
 
-@pytest.mark.drawn
 def test_the_legend_of_many_methods_stands_within_the_figure_of_one_sky() -> None:
     names = [f"separated(estimate=midrange,p_const=0,b_nom_m=0.{k:02d})" for k in range(15)]
     frontier = pd.DataFrame({"sky": "s", "method": names, "allowed": 8e-8, "level_mean_m": 8.0})

@@ -189,7 +189,6 @@ def test_a_long_series_is_solved_in_parts_as_its_epochs_are(g: Geometry) -> None
         np.testing.assert_allclose(part[["east_m", "up_m", "vpl_m"]], same[["east_m", "up_m", "vpl_m"]], rtol=1e-9)
 
 
-@pytest.mark.drawn
 def test_figures_of_an_observation(tmp_path: Path) -> None:
     files = str(FILES / "mixed_3.obs"), str(FILES / "mixed_3.nav")
     options = ["--truth", "4075580.8863,931853.5784,4801567.9707", "-q", "--out", str(tmp_path / "out")]
