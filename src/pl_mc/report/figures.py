@@ -13,7 +13,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from pl_mc.alert import EITHER, VERTICAL
 from pl_mc.input_errors import InputError
-from pl_mc.report.look import look_now
+from pl_mc.report.look import PANEL_MM, RAISED, look_now
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -32,6 +32,9 @@ _LABELS = {"ls": "least squares (VPL)", "igg3": "IGG-III (VPL_R)"}
 # Dots an inch of pictures: for a screen, and in print.
 _DPI, _PRINT_DPI = 150, 300
 
+# From a panel to what stands below the name of its axis [in].
+_BELOW_IN = 0.5
+
 _Arguments = ParamSpec("_Arguments")
 
 
@@ -46,12 +49,13 @@ def in_common_look(make: Callable[_Arguments, Figure]) -> Callable[_Arguments, F
     def wrapped(*args: _Arguments.args, **kwargs: _Arguments.kwargs) -> Figure:
         import matplotlib as mpl
 
-        from pl_mc.report.artists import Sheet, Undrawn
+        from pl_mc.report.artists import Sheet, Undrawn, label_powers
         from pl_mc.report.print_layout import finish
 
         with mpl.rc_context(look_now().settings):
             try:
                 figure = make(*args, **kwargs)
+                label_powers(figure)
                 if isinstance(figure, Sheet) and look_now().width_in is not None:
                     finish(figure)
                 return figure
@@ -73,8 +77,8 @@ def short_label(name: str) -> str:
 
 
 def new_figure(
-    rows: int, columns: int, *, width_in: float, height_in: float, title: str | None = None, listed: bool = False,
-    **options: Any,
+    rows: int, columns: int, *, width_in: float, height_in: float, title: str | None = None, lines_in: float = 0.0,
+    labels_in: float = 0.0, panel_mm: float = PANEL_MM, **options: Any,
 ) -> tuple[Figure, list[Axes]]:  # fmt: skip
     """A figure and its axes, row by row; call it inside a function that is `in_common_look`.
 
@@ -84,7 +88,9 @@ def new_figure(
         rows, columns: of panels.
         width_in, height_in: on a screen [in].
         title: heading on a screen.
-        listed: whether rows of text make up the height, which is then kept.
+        lines_in: height of the lines of text that a panel stands beside, which is kept; none of a panel of curves [in].
+        labels_in: width of their names, for which room is left beside the panels [in].
+        panel_mm: how narrow a panel may get, with its own labels [mm].
         options: those of ``subplots``.
     """
     from matplotlib.backends.backend_agg import FigureCanvasAgg
@@ -98,15 +104,29 @@ def new_figure(
     if look.width_in is None:
         axes = list(figure.subplots(rows, columns, squeeze=False, **options).flat)
     else:
-        axes = laid_out(figure, rows, columns, look=look, listed=listed, **options)
+        axes = laid_out(
+            figure, rows, columns, look=look, lines_in=lines_in, labels_in=labels_in, panel_mm=panel_mm, **options
+        )
     if title is not None and not look.is_print:
         figure.suptitle(title, x=0.01, ha="left", fontsize=11, wrap=look.width_in is not None)
     return figure, axes
 
 
-def columns_that_fit(columns: int) -> int:
-    """How many panels, of at most so many, stand side by side in the look that is asked for."""
-    return look_now().columns_that_fit(columns)
+def columns_that_fit(columns: int, labels_in: float = 0.0, panel_mm: float = PANEL_MM) -> int:
+    """How many panels, of at most so many, stand side by side in the look that is asked for, as in `new_figure`."""
+    return look_now().columns_that_fit(columns, labels_in, panel_mm)
+
+
+def power_text(value: float) -> str:
+    """A small number as axes have it: 10⁻⁷, 2 × 10⁻⁷."""
+    factor, _, exponent = f"{value:.2e}".partition("e")
+    power = "10" + str(int(exponent)).translate(RAISED)
+    return power if float(factor) == 1.0 else f"{float(factor):g} × {power}"
+
+
+def widest_in(labels: Iterable[str], size: float = 9.5) -> float:
+    """About how wide the longest line of some labels is in letters of a size in points [in]."""
+    return max((len(line) for label in labels for line in label.splitlines()), default=0) * 0.58 * size / 72.0
 
 
 def bar_lengths(value: ArrayLike, low: ArrayLike, high: ArrayLike) -> NDArray[np.float64]:
@@ -117,7 +137,9 @@ def bar_lengths(value: ArrayLike, low: ArrayLike, high: ArrayLike) -> NDArray[np
 
 def note(axes: Axes, text: str, at: tuple[Any, Any], *, shift: tuple[float, float], **options: Any) -> None:
     """A small text beside a point, shifted by so many dots of print; options are those of ``annotate``."""
-    axes.annotate(text, at, xytext=shift, textcoords="offset points", **{"fontsize": 8, **options})
+    made = axes.annotate(text, at, xytext=shift, textcoords="offset points", **{"fontsize": 8, **options})
+    # Panels are narrow in print: what is beside a point takes nothing of them.
+    made.set_in_layout(look_now().width_in is None)
 
 
 def legend_key(label: str, **look: Any) -> Line2D:
@@ -133,6 +155,17 @@ def legend_in(panel: Axes, **options: Any) -> None:
         panel.legend(**options)
     else:
         _below(panel.get_figure(root=True), [panel])
+
+
+def legend_under(panel: Axes, keys: Sequence[Any], **options: Any) -> None:
+    """A legend of a panel's own below the name of its axis, whatever the size of the panel."""
+    from matplotlib.transforms import ScaledTranslation
+
+    figure = panel.get_figure(root=True)
+    assert figure is not None
+    below = panel.transAxes + ScaledTranslation(0.0, -_BELOW_IN, figure.dpi_scale_trans)
+    look: Any = {"bbox_to_anchor": (0.0, 0.0), "bbox_transform": below, "borderaxespad": 0.0, "borderpad": 0.0}
+    panel.legend(handles=keys, loc="upper left", **look | options)
 
 
 def legend_below(
@@ -210,19 +243,11 @@ def _save(figure: Figure, folder: Path, name: str) -> None:
     from matplotlib.backends.backend_agg import FigureCanvasAgg
     from matplotlib.backends.backend_pdf import FigureCanvasPdf
     from matplotlib.backends.backend_svg import FigureCanvasSVG
-    from matplotlib.ticker import LogFormatter
     from PIL.Image import fromarray
-
-    from pl_mc.report.artists import Powers
 
     look = look_now()
     dpi = _PRINT_DPI if look.is_print else _DPI
     with mpl.rc_context(look.settings):
-        for axis in (axis for axes in figure.axes for axis in (axes.xaxis, axes.yaxis)):
-            if isinstance(axis.get_major_formatter(), LogFormatter):
-                axis.set_major_formatter(Powers())
-            if isinstance(axis.get_minor_formatter(), LogFormatter):
-                axis.set_minor_formatter(Powers(labelOnlyBase=False))
         # Laid out and drawn once for all; what saves a figure lays it out and draws it twice for each.
         figure.set_dpi(dpi)
         canvas = FigureCanvasAgg(figure)

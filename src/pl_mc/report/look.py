@@ -13,7 +13,7 @@ from contextvars import ContextVar
 from dataclasses import dataclass, replace
 from typing import Any, Literal
 
-from pl_mc.input_errors import InputError, shown
+from pl_mc.input_errors import InputError
 
 STYLES = ("screen", "paper", "grey")
 # Forms of files; what a page shows of a figure is one of the first two.
@@ -26,7 +26,10 @@ _NARROWEST_MM, _WIDEST_MM = 60.0, 420.0
 # What prints without a width have: two columns of most journals.
 _USUAL_WIDTH_MM = 180.0
 # Panels beside each other are no narrower.
-_PANEL_MM = 40.0
+PANEL_MM = 40.0
+
+# Digits of an exponent.
+RAISED = str.maketrans("-0123456789", "⁻⁰¹²³⁴⁵⁶⁷⁸⁹")
 
 # Greys of methods, each beside a line and a marker of its own.
 _GREYS = ("0.0", "0.5", "0.25", "0.62")
@@ -98,9 +101,17 @@ class Look:
         """Settings of matplotlib."""
         return _COMMON | _PRINT if self.is_print else _COMMON
 
-    def columns_that_fit(self, columns: int) -> int:
-        """How many panels, of at most so many, the width holds side by side."""
-        return columns if self.width_in is None else max(1, min(columns, int(self.width_in * MM / _PANEL_MM + 1e-9)))
+    @property
+    def text(self) -> float:
+        """Size of text, as a share of that on a screen."""
+        return 0.82 if self.is_print else 1.0
+
+    def columns_that_fit(self, columns: int, labels_in: float = 0.0, panel_mm: float = PANEL_MM) -> int:
+        """How many panels, of at most so many, the width holds side by side, see `pl_mc.report.figures.new_figure`."""
+        if self.width_in is None:
+            return columns
+        room_mm = (self.width_in - self.text * labels_in) * MM
+        return max(1, min(columns, int(room_mm / panel_mm + 1e-9)))
 
 
 # As figures have always been.
@@ -131,24 +142,21 @@ def width_mm(text: str) -> float:
         InputError: it is none, or a figure of it could not be read or printed.
     """
     found = re.fullmatch(r"\s*(\d{1,6}(?:\.\d{1,6})?)\s*(mm|cm|in)\s*", text, re.ASCII)
-    bounds = f"of {_NARROWEST_MM:g}mm to {_WIDEST_MM:g}mm"
+    needed = f"width: a length of {_NARROWEST_MM:g}mm to {_WIDEST_MM:g}mm with its unit is needed"
     if found is None:
-        raise InputError(f"width: {shown(text)} is no width; a length with its unit {bounds} is needed, such as 88mm.")
+        raise InputError(f"{needed}, such as 88mm.")
     length_mm = float(found[1]) * _UNITS_MM[found[2]]
     nearest_mm = min(max(length_mm, _NARROWEST_MM), _WIDEST_MM)
     if nearest_mm != length_mm:
-        raise InputError(f"width: {shown(text)} is no width {bounds} (nearest: {nearest_mm:g}mm).")
+        raise InputError(f"{needed} (nearest: {nearest_mm:g}mm).")
     return length_mm
 
 
 def endings_of(given: Sequence[str]) -> tuple[str, ...]:
-    """Forms of files by name, each once, in the order of `ENDINGS`; an `InputError` where one is none of these."""
+    """Forms of files by name, each once, in the order of `ENDINGS`; an `InputError` where one is none."""
     words = [word.strip().lower() for text in given for word in text.split(",")]
-    for word in words:
-        if word not in ENDINGS:
-            raise InputError(f"format: {shown(word)} is no form of a figure (valid: {', '.join(ENDINGS)}).")
-    if not words:
-        raise InputError(f"format: at least one form of a figure is needed (valid: {', '.join(ENDINGS)}).")
+    if not words or not set(words) <= set(ENDINGS):
+        raise InputError(f"format: the forms of a figure are {', '.join(ENDINGS)}, one or several.")
     return tuple(ending for ending in ENDINGS if ending in words)
 
 

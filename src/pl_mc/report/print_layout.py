@@ -3,12 +3,13 @@
 from __future__ import annotations
 
 import textwrap
+import warnings
 from collections.abc import Callable
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from pl_mc.report.artists import Sheet
+from pl_mc.report.artists import Sheet, label_powers
 from pl_mc.report.look import Look, look_now
 
 if TYPE_CHECKING:
@@ -16,30 +17,42 @@ if TYPE_CHECKING:
     from matplotlib.colors import Colormap
     from matplotlib.text import Text
 
-# How much smaller print is than a screen: text, and panels at the least.
-_TEXT, _LEAST = 0.82, 0.5
-_LOWEST_PANEL_IN = 1.35
+# How much smaller than on a screen a panel of curves is at the least, how high its axes are, and what stands above and
+# below them [in].
+_LEAST, _LOWEST_IN, _AROUND_IN = 0.5, 1.1, 0.6
+# Times a figure is made higher until its panels are high enough.
+_TRIES = 4
 # Sizes of text [points], of lines and of markers.
 _SMALLEST_PT, _LARGEST_PT = 7.0, 8.0
 _LINE, _THINNEST_PT, _MARKER = 0.75, 0.5, 0.8
+# What a key takes beside its text, as a multiple of the size of letters.
+_OF_A_KEY = 4.5
 # The lightest colour of a map in greys: what was not seen is lighter still.
 _LIGHTEST = 0.82
 
 
 def laid_out(
-    figure: Sheet, rows: int, columns: int, *, look: Look, listed: bool, sharex: Any = False, sharey: Any = False,
-    subplot_kw: Any = None, gridspec_kw: Any = None,
+    figure: Sheet, rows: int, columns: int, *, look: Look, lines_in: float, labels_in: float, panel_mm: float,
+    sharex: Any = False, sharey: Any = False, subplot_kw: Any = None, gridspec_kw: Any = None,
 ) -> list[Axes]:  # fmt: skip
     """Axes row by row; columns that find no room stand below the others, all rows of them together."""
     width_in = look.width_in
     assert width_in is not None
     natural_width, natural_height = figure.get_size_inches()
-    across = look.columns_that_fit(columns)
+    across = look.columns_that_fit(columns, labels_in, panel_mm)
     blocks = -(-columns // across)
-    scale = float(np.clip(width_in / across / (natural_width / columns), _LEAST, _TEXT if look.is_print else 1.0))
-    height_in = natural_height * (max(scale, _TEXT) if listed else scale) * blocks
-    figure.set_size_inches(width_in, height_in if listed else max(height_in, _LOWEST_PANEL_IN * rows * blocks))
-    grid = figure.add_gridspec(rows * blocks, across, **((gridspec_kw or {}) if blocks == 1 else {}))
+    scale = float(np.clip(width_in / across / (natural_width / columns), _LEAST, look.text))
+    figure.rows = rows * blocks
+    # No higher than wide, which is what a screen leaves of a panel above its legend.
+    curves_in = min(scale * (natural_height / rows - _AROUND_IN), width_in / across)
+    figure.least_in = look.text * lines_in or max(curves_in, _LOWEST_IN)
+    figure.set_size_inches(width_in, figure.rows * (figure.least_in + _AROUND_IN))
+    given = dict(gridspec_kw or {})
+    heights = np.array(given.get("height_ratios", np.ones(rows)), dtype=float) / np.mean(
+        given.get("height_ratios", 1.0)
+    )
+    widths = given.get("width_ratios") if blocks == 1 else None
+    grid = figure.add_gridspec(figure.rows, across, height_ratios=list(heights) * blocks, width_ratios=widths)
     made: dict[tuple[int, int], Axes] = {}
     for row in range(rows):
         for column in range(columns):
@@ -57,6 +70,7 @@ def laid_out(
                 elif block:
                     figure.named_like.append((panel, made[row, 0]))
             made[row, column] = panel
+            figure.panels.append((panel, float(heights[row])))
     return list(made.values())
 
 
@@ -76,9 +90,13 @@ def finish(figure: Sheet) -> None:
         _sizes(figure)
     if figure.keys:
         _legend(figure)
+    _high_enough(figure)
     _wrapped(figure)
+    _high_enough(figure)
     if look.style == "grey":
         _in_greys(figure)
+        # Bars of colours have begun anew.
+        label_powers(figure)
 
 
 def _sizes(figure: Sheet) -> None:
@@ -90,7 +108,9 @@ def _sizes(figure: Sheet) -> None:
     # Keys of a legend may be drawn nowhere else.
     for artist in dict.fromkeys([*figure.findobj(), *figure.keys.values()]):
         if isinstance(artist, Text):
-            artist.set_fontsize(float(np.clip(_TEXT * float(artist.get_fontsize()), _SMALLEST_PT, _LARGEST_PT)))
+            artist.set_fontsize(
+                float(np.clip(look_now().text * float(artist.get_fontsize()), _SMALLEST_PT, _LARGEST_PT))
+            )
         elif isinstance(artist, Line2D):
             if artist.get_linewidth():
                 artist.set_linewidth(max(_LINE * float(artist.get_linewidth()), _THINNEST_PT))
@@ -112,24 +132,48 @@ def _legend(figure: Sheet) -> None:
         if columns == 1:
             # What is wider still goes on in another line.
             for text in made.get_texts():
-                _wrap(text, 0.86 * width, renderer)
+                _wrap(text, 0.98 * width - _OF_A_KEY * float(text.get_fontsize()) * figure.dpi / 72.0, renderer)
         if made.get_window_extent(renderer).width <= 0.98 * width or columns == 1:
             return
         made.remove()
 
 
+def _high_enough(figure: Sheet) -> None:
+    """Lay a figure out, and make it higher until its lowest panel is as high as it has to be."""
+    engine = figure.get_layout_engine()
+    assert engine is not None
+    for _ in range(_TRIES):
+        with warnings.catch_warnings():
+            # Of panels for which there is no room yet.
+            warnings.simplefilter("ignore", UserWarning)
+            engine.execute(figure)
+        height_in = figure.get_figheight()
+        # What a study has removed is no longer there.
+        found = [
+            height_in * panel.get_position(original=True).height / share
+            for panel, share in figure.panels
+            if panel in figure.axes
+        ]
+        lacking = figure.least_in - min(found, default=figure.least_in)
+        if lacking < 0.02 * figure.least_in:
+            return
+        figure.set_figheight(height_in + figure.rows * lacking)
+
+
 def _wrapped(figure: Sheet) -> None:
     """Titles and names of axes within their panels."""
-    figure.draw_without_rendering()
     renderer = figure.canvas.get_renderer()  # type: ignore[attr-defined]
+    own = [panel for panel, _ in figure.panels]
     for panel in figure.axes:
         box = panel.get_window_extent(renderer)
         # A title may go on above what stands to the right of the panel, not above another panel.
         for title in (panel.title, getattr(panel, "_left_title", None)):
             if title is not None:
                 _wrap(title, box.width, renderer)
-        _wrap(panel.xaxis.label, 1.05 * box.width, renderer)
-        _wrap(panel.yaxis.label, 1.05 * box.height, renderer, upright=True)
+        # Beside a bar of colours there is room.
+        wide, high = (box.width, box.height) if panel in own else (0.9 * side for side in figure.bbox.size)
+        _wrap(panel.xaxis.label, 1.05 * wide, renderer)
+        _wrap(panel.yaxis.label, 1.05 * high, renderer, upright=True)
 
 
 def _wrap(text: Text, room: float, renderer: Any, *, upright: bool = False) -> None:

@@ -9,15 +9,27 @@ import pandas as pd
 from numpy.typing import NDArray
 
 from pl_mc.alert import Judged
-from pl_mc.report.figures import DASHED, method_label, new_figure, note
-from pl_mc.report.text import row_rate
+from pl_mc.report.figures import DASHED, columns_that_fit, legend_under, method_label, new_figure, note
+from pl_mc.report.look import look_now
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
 
-# Shades of the regions in which something is wrong; the counts lie over them.
-_MISLEADING, _HAZARDOUS, _UNAVAILABLE = "#FBE7D3", "#F3C6AE", "0.93"
+# Shades of the regions, over which the counts lie, what two of them have in greys, and what they are called.
+_SHADES = {
+    "nominal": "white",
+    "misleading": "#FBE7D3",
+    "hazardously misleading": "#F3C6AE",
+    "system unavailable": "0.94",
+    "system unavailable, error beyond level": "0.87",
+}
+_HATCHES = {"misleading": "....", "hazardously misleading": "xxxx"}
+_HEADINGS = {name: name for name in _SHADES} | {
+    "system unavailable, error beyond level": "unavailable and error beyond level"
+}
+# A panel with its numbers is no narrower [mm].
+_PANEL_MM = 75.0
 # Cells are coloured from light to dark, so that many is dark in grey too and an empty cell shows its region.
 _COLOURS = "viridis_r"
 
@@ -41,9 +53,14 @@ def stanford_figure(
     from matplotlib.colors import LogNorm
 
     methods, (called,), ((_, _, limit_m),) = list(dict.fromkeys(regions.method)), judged.called, judged.levels
-    across = min(columns, len(methods))
+    across = columns_that_fit(min(columns, len(methods)), panel_mm=_PANEL_MM)
     down = -(-len(methods) // across)
-    options: Any = {"width_in": 4.55 * across + 1.0, "height_in": 4.9 * down + 0.2, "title": title}
+    options: Any = {
+        "width_in": 4.55 * across + 1.0,
+        "height_in": 5.75 * down + 0.2,
+        "title": title,
+        "panel_mm": _PANEL_MM,
+    }
     figure, axes = new_figure(down, across, **options, sharey=True)
     for panel in axes[len(methods) :]:
         panel.remove()
@@ -68,11 +85,13 @@ def stanford_figure(
             panel.pcolormesh(x, beyond, shown[-1:, cells], **options)
         panel.axhline(reach + gap / 2, color="white", linewidth=2.5, zorder=2.5)
         panel.axvline(reach + gap / 2, color="white", linewidth=2.5, zorder=2.5)
-        _numbers(panel, regions[regions.method == method].set_index("region"), limit_m, reach)
+        _numbers(panel, regions[regions.method == method].set_index("region"))
         panel.set(xlim=(0, end), ylim=(0, end), xlabel=f"{called.size} [m]", aspect="equal")
         panel.set_xticks(ticks, labels)
         panel.set_yticks(ticks, labels)
         panel.grid(visible=False)
+        # What stands below goes by the lower edge.
+        panel.set_anchor("S")
         panel.set_title(method_label(method, named_by or judged.axis))
     for panel in axes[::across]:
         panel.set_ylabel(f"{judged.axis} protection level [m]")
@@ -86,12 +105,14 @@ def _regions(panel: Axes, limit: float, name: str, reach: float, end: float) -> 
     """The regions as shades, with the diagonal and the alert limit."""
     from matplotlib.patches import Polygon
 
-    for corners, colour in (
-        ([(0, 0), (limit, 0), (limit, limit)], _MISLEADING),
-        ([(limit, 0), (end, 0), (end, limit), (limit, limit)], _HAZARDOUS),
-        ([(0, limit), (end, limit), (end, end), (0, end)], _UNAVAILABLE),
-    ):
-        panel.add_patch(Polygon(corners, closed=True, facecolor=colour, edgecolor="none", zorder=0.5))
+    corners = {
+        "misleading": [(0, 0), (limit, 0), (limit, limit)],
+        "hazardously misleading": [(limit, 0), (end, 0), (end, limit), (limit, limit)],
+        "system unavailable": [(0, limit), (limit, limit), (end, end), (0, end)],
+        "system unavailable, error beyond level": [(limit, limit), (end, limit), (end, end)],
+    }
+    for region, places in corners.items():
+        panel.add_patch(Polygon(places, closed=True, **_shade(region), linewidth=0, zorder=0.5))
     panel.plot([0, reach], [0, reach], color="0.15", linewidth=1.0, zorder=3)
     for ends in (([0, end], [limit, limit]), ([limit, limit], [0, limit])):
         panel.plot(*ends, **DASHED | {"linewidth": 1.0, "zorder": 3})
@@ -99,23 +120,21 @@ def _regions(panel: Axes, limit: float, name: str, reach: float, end: float) -> 
     note(panel, f"{name} {limit:g} m", (reach, limit), shift=(-3, -3), **look)
 
 
-def _numbers(panel: Axes, rows: pd.DataFrame, limit: float, reach: float) -> None:
-    """Name, count and rate of each region, written where it is."""
-    high = (limit + reach) / 2
-    for region, heading, x, y, side in (
-        ("nominal", "nominal", 0.25 * limit, 0.895 * limit, "left"),
-        ("misleading", "misleading", 0.985 * limit, 0.17 * limit, "right"),
-        ("hazardously misleading", "hazardously\nmisleading", (limit + reach) / 2, 0.5 * limit, "center"),
-        ("system unavailable", "system unavailable", 0.26 * limit, high + 0.1 * (reach - limit), "left"),
-        ("system unavailable, error beyond level", "unavailable and\nmisleading", 0.99 * reach,
-         limit + 0.3 * (reach - limit), "right"),
-    ):  # fmt: skip
+def _shade(region: str) -> dict[str, Any]:
+    """How a region is filled; in greys two of them are hatched."""
+    hatch = _HATCHES.get(region) if look_now().style == "grey" else None
+    return {"facecolor": _SHADES[region], "edgecolor": "0.72", "hatch": hatch}
+
+
+def _numbers(panel: Axes, rows: pd.DataFrame) -> None:
+    """Count and share of each region, below the panel."""
+    from matplotlib.patches import Patch
+
+    keys = []
+    for region, heading in _HEADINGS.items():
         row = rows.loc[region]
-        rate = row_rate(row, "count", "scenarios")
-        lines = [heading, f"{int(row['count']):,}", *([] if rate.startswith("all") else [rate])]
-        # Readable over cells of any colour.
-        box = {"facecolor": "white", "alpha": 0.78, "edgecolor": "none", "pad": 1.5}
-        panel.text(
-            x, y, "\n".join(lines), ha=side, va="center", fontsize=7.2, linespacing=1.15, color="0.05", zorder=5,
-            bbox=box,
-        )  # fmt: skip
+        count, percent = int(row["count"]), 100.0 * float(row["rate"])
+        share = f"{np.format_float_positional(percent, precision=3, fractional=False, trim='-')} %"
+        label = f"{heading}: {f'{count:,}, {share}' if count else 'none'}"
+        keys.append(Patch(**_shade(region), linewidth=0.4, label=label))
+    legend_under(panel, keys, fontsize=8, handlelength=1.4)

@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 import pandas as pd
 
-from pl_mc.report.figures import bar_lengths, legend_in, new_figure, note
+from pl_mc.report.figures import bar_lengths, legend_below, legend_in, new_figure, note, widest_in
 from pl_mc.report.look import SeriesStyle, styles_of
 from pl_mc.report.text import metres, span
 from pl_mc.statistics.intervals import clopper_pearson
@@ -25,6 +25,11 @@ if TYPE_CHECKING:
 
 _EVENTS = ("alarm", "missed", "misleading")
 _TESTED = ("alarm", "misleading")
+_AVAILABILITY = "availability"
+# From here on a share is shown as all.
+_NEARLY_ALL = 0.9995
+# What the dilutions of a weighted solution are: standard deviations.
+_SIGMAS = {"VDOP": "vertical sigma", "HDOP": "horizontal sigma", "PDOP": "sigma in space"}
 _COLOURS = "viridis_r"
 
 
@@ -38,10 +43,13 @@ def comparison_figure(counted: Comparison, experiment: ByOneAxis) -> Figure:
     methods, draws, title = counted.methods, int(counted.rates.draws.min()), experiment.title
     figure, axes = new_figure(
         1, 4, width_in=13.0, height_in=2.1 + 0.26 * len(methods), title=title, sharey=True,
+        lines_in=0.26 * len(methods), labels_in=widest_in(methods, 8.5),
         gridspec_kw={"width_ratios": [1.0, 1.0, 1.0, 0.36]},
     )  # fmt: skip
     norm = LogNorm(1.0 / draws, 1.0)
-    _maps_and_bars(axes, counted.own_rates, counted.overview, methods, norm, ticks=5)
+    for panel, event in zip(axes, _EVENTS, strict=False):
+        _rate_map(panel, counted.own_rates, event, methods, norm, ticks=5)
+    _bars(axes[3], counted.overview, methods)
     for panel, heading in zip(axes, _headings(experiment), strict=True):
         panel.set_title(heading, fontsize=9.5)
         panel.set(xlabel="bias [m]")
@@ -54,33 +62,44 @@ def comparison_figure(counted: Comparison, experiment: ByOneAxis) -> Figure:
 
 
 def several_geometries_figure(day: Comparison, experiment: ByOneAxis) -> Figure:
-    """Maps of rates, method by bias: a column for each geometry, a row for each event, and availability below."""
+    """Maps of rates, method by bias, a column for each geometry and a row for each event; availability below.
+
+    In a row stand the methods that differ from nothing: with which the event was seen at some geometry, or which are
+    not always available.
+    """
     from matplotlib.colors import LogNorm
 
-    count, names = len(day.methods), day.names
-    # Few methods leave room for what stands beside them too.
-    height = max(0.155 * count + 0.35, 2.2)
+    names, headings = day.names, _headings(experiment)
+    seen = {event: set(day.rates.method[day.rates[f"{event}_rate"] > 0]) for event in _EVENTS}
+    seen[_AVAILABILITY] = set(day.overview.method[day.overview.availability < _NEARLY_ALL])
+    rows = {what: shown for what in seen if (shown := [name for name in day.methods if name in seen[what]])}
+    # A row has room for its name too.
+    heights = [0.19 * max(len(shown), 5) for shown in rows.values()]
     figure, axes = new_figure(
-        4, len(names), width_in=2.6 + 2.45 * len(names), height_in=1.3 + 4 * height, title=experiment.title,
-        sharey=True,
+        len(rows), len(names), width_in=2.6 + 2.45 * len(names), height_in=1.6 + sum(heights) + 0.4 * len(rows),
+        title=experiment.title, sharey="row", gridspec_kw={"height_ratios": heights}, lines_in=float(np.mean(heights)),
+        labels_in=widest_in(day.methods, 8.0), panel_mm=22.0,
     )  # fmt: skip
     norm = LogNorm(1.0 / int(day.rates.draws.max()), 1.0)
-    for column, name in enumerate(names):
-        # Faulted satellites differ from geometry to geometry, their biases do not.
-        panels = axes[column :: len(names)]
-        rates, overview = (table[table.geometry == name] for table in (day.rates, day.overview))
-        _maps_and_bars(panels, rates, overview, day.methods, norm, ticks=4)
-        for panel in panels:
-            panel.tick_params(labelsize=7)
-        panels[0].set_title(_heading(day, name), fontsize=8.5)
-        panels[-2].set_xlabel("bias [m]", fontsize=8)
-        panels[-1].set_xlabel("share of draws", fontsize=8)
-    for panel, heading in zip(axes[:: len(names)], _headings(experiment), strict=True):
-        panel.set_ylabel(heading, fontsize=8.5)
-        panel.set_yticks(range(count), day.methods, fontsize=6.5)
-        panel.set_ylim(count - 0.5, -0.5)
+    for row, (what, shown) in enumerate(rows.items()):
+        panels = axes[row * len(names) : (row + 1) * len(names)]
+        for panel, name in zip(panels, names, strict=True):
+            # Faulted satellites differ from geometry to geometry, their biases do not.
+            if what == _AVAILABILITY:
+                _bars(panel, day.overview[day.overview.geometry == name], shown)
+            else:
+                _rate_map(panel, day.rates[day.rates.geometry == name], what, shown, norm, ticks=4)
+            panel.set_xlabel("share of draws" if what == _AVAILABILITY else "bias [m]", fontsize=8)
+            panel.tick_params(labelsize=8)
+        panels[0].set_ylabel(headings[list(seen).index(what)], fontsize=8.5)
+        panels[0].set_yticks(range(len(shown)), shown, fontsize=8.0)
+        panels[0].set_ylim(len(shown) - 0.5, -0.5)
+    for panel, name in zip(axes, names, strict=False):
+        panel.set_title(_heading(day, name), fontsize=8.5)
     unseen = _bound_of_none(int(day.rates.draws.min()))
-    label = f"share of draws at one bias; white: none (95 % upper bound {unseen:.1e} or less)"
+    label = (
+        f"share of draws at one bias; white, and methods that are not listed: none (95 % bound {unseen:.1e} or less)"
+    )
     _colour_bar(figure, axes, norm, label, aspect=60, pad=0.01)
     return figure
 
@@ -117,7 +136,6 @@ def several_equal_figure(day: Comparison, equal: Mapping[str, EqualTables], expe
     figure, axes = new_figure(
         2, count, width_in=1.0 + 3.0 * count, height_in=7.4, title=title, sharex=True, sharey=True
     )
-    shown: dict[str, Any] = {}
     styles = styles_of(tests)
     unseen = _bound_of_none(min(int(tables.rates.draws.min()) for tables in equal.values()))
     for column, (name, tables) in enumerate(equal.items()):
@@ -127,18 +145,15 @@ def several_equal_figure(day: Comparison, equal: Mapping[str, EqualTables], expe
                 place = tests.index(short_name(str(method)))
                 # Curves that lie on each other show through: later ones are smaller.
                 size, width = 6.5 - 0.5 * place, 2.2 - 0.2 * place
-                shown[tests[place]] = _rate_curve(
-                    panel, rows, event, styles[tests[place]], markersize=size, linewidth=width
-                )
+                look = {"markersize": size, "linewidth": width, "label": tests[place]}
+                _rate_curve(panel, rows, event, styles[tests[place]], **look)
             panel.set(yscale="log", ylim=(0.3 * unseen, 1.6))
         panels[0].axhline(p_fa, color="0.15", linewidth=1.0, linestyle=":")
         panels[0].set_title(_heading(day, name), fontsize=8.5)
         panels[1].set_xlabel("bias [m]")
     axes[0].set_ylabel("P(alarm); dotted: the false-alarm rate")
     axes[count].set_ylabel(experiment.decides.probability("misleading"))
-    order = [name for name in tests if name in shown]
-    look: Any = {"loc": "outside lower center", "ncols": min(4, len(order)), "fontsize": 8}
-    figure.legend([shown[name] for name in order], order, **look)
+    legend_below(figure, axes, columns=min(4, len(tests)), side="center", fontsize=8)
     return figure
 
 
@@ -148,24 +163,16 @@ def _headings(experiment: ByOneAxis) -> list[str]:
     return [f"{alarm}, {judged.limits()}", *others, "PL ≤ AL, no fault"]
 
 
-def _maps_and_bars(
-    panels: Sequence[Axes], rates: pd.DataFrame, overview: pd.DataFrame, methods: Sequence[str], norm: LogNorm, *,
-    ticks: int,
-) -> None:  # fmt: skip
-    """A map for each event of one geometry, with about so many ticks at biases, and availability in the last panel.
-
-    Bounds of the availability would be narrower than a line.
-    """
-    for panel, event in zip(panels[:-1], _EVENTS, strict=True):
-        _rate_map(panel, rates, event, methods, norm, ticks)
+def _bars(panel: Axes, overview: pd.DataFrame, methods: Sequence[str]) -> None:
+    """The availability of each method; bounds would be narrower than a line."""
     shares = overview.set_index("method").loc[methods].availability
-    panels[-1].barh(range(len(shares)), shares, height=0.62, color="0.78")
+    panel.barh(range(len(shares)), shares, height=0.62, color="0.78")
     for y, share in enumerate(shares):
         text = "100 %" if share == 1 else f"{100 * share:.2f} %" if share > 0.99 else f"{100 * share:.1f} %"
-        note(panels[-1], text, (0.0, y), shift=(4, 0), va="center", ha="left")
-    panels[-1].set(xlim=(0, 1), xticks=(0.0, 0.5, 1.0))
-    panels[-1].grid(visible=False)
-    panels[-1].tick_params(axis="y", length=0)
+        note(panel, text, (0.0, y), shift=(4, 0), va="center", ha="left")
+    panel.set(xlim=(0, 1), xticks=(0.0, 0.5, 1.0))
+    panel.grid(visible=False)
+    panel.tick_params(axis="y", length=0)
 
 
 def _rate_map(panel: Axes, rates: pd.DataFrame, event: str, methods: Sequence[str], norm: LogNorm, ticks: int) -> None:
@@ -218,4 +225,4 @@ def _heading(day: Comparison, name: str) -> str:
     if row.epochs > 1:
         return f"{name}: {row.epochs} epochs, {seen} satellites\nworst satellite of each"
     at = "" if name.startswith("epoch ") else f", epoch {row.epoch}"
-    return f"{name}{at}: {seen} satellites\n{row.faulted}, {day.dilution} {metres(day.dilution_m(row)[0])} m"
+    return f"{name}{at}: {seen} satellites\n{row.faulted}, {_SIGMAS[day.dilution]} {metres(day.dilution_m(row)[0])} m"

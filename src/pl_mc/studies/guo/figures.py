@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from pl_mc.engine.detect_runs import EQUAL_P_FA, LEVELS, NOMINAL
 from pl_mc.geometry.record import SYSTEM_NAMES
-from pl_mc.report.figures import legend_below, legend_in, new_figure
+from pl_mc.report.figures import columns_that_fit, legend_below, legend_in, new_figure
 from pl_mc.report.look import series_style, styles_of
 from pl_mc.report.text import percent
 from pl_mc.studies.guo.paper import LETTERS, paper_rate
@@ -82,10 +82,10 @@ def satellites_figure(
     return figure
 
 
-def statistic_figure(epochs: pd.DataFrame, *, biases_m: Sequence[float], title: str) -> Figure:
+def statistic_figure(epochs: pd.DataFrame, *, biases_m: Sequence[float], time: str, title: str) -> Figure:
     """Figures 3, 4 and 5: a statistic over the epochs, one panel per bias, with both thresholds.
 
-    ``epochs`` is the table of `pl_mc.studies.guo.series.Day`, of one reading.
+    ``epochs`` is the table of `pl_mc.studies.guo.series.Day`, of one reading; ``time`` says when epochs are.
     """
     test, reading = epochs.test.iloc[0], epochs.reading.iloc[0]
     what = "no error" if list(biases_m) == [0.0] else "a bias on the least detectable satellite"
@@ -97,7 +97,7 @@ def statistic_figure(epochs: pd.DataFrame, *, biases_m: Sequence[float], title: 
     colour = series_style(1 if test == "mean_check" else 0).colour
     for panel, bias in zip(axes, biases_m, strict=True):
         group = epochs[epochs.bias_m == bias].sort_values("epoch")
-        panel.plot(group.epoch, group.statistic, color=colour, **points)
+        panel.plot(group.epoch, group.statistic, color=colour, label=f"{LETTERS[test]} of an epoch", **points)
         panel.plot(group.epoch, group.threshold, color="0.1", linewidth=1.6, label="nominal threshold")
         label = "threshold of measured P_FA"
         panel.plot(group.epoch, group.threshold_equal, color="0.45", linewidth=0.9, label=label)
@@ -108,8 +108,8 @@ def statistic_figure(epochs: pd.DataFrame, *, biases_m: Sequence[float], title: 
             f"({percent(group.detected.mean())} %)"
         )
         panel.set_ylabel(LETTERS[test])
-    legend_in(axes[0], loc="upper right", ncols=2)
-    axes[-1].set_xlabel("epoch")
+    legend_in(axes[0], loc="upper right", ncols=3, markerscale=4)
+    axes[-1].set_xlabel(time)
     return figure
 
 
@@ -120,7 +120,9 @@ def detection_figure(detection: pd.DataFrame, *, title: str) -> Figure:
     """
     keys = list(dict.fromkeys(zip(detection.test, detection.reading, strict=True)))
     heading = f"{title}: detection rates with 95 % intervals"
-    figure, axes = new_figure(1, 2, width_in=10.0, height_in=1.8 + 0.5 * len(keys), title=heading)
+    figure, axes = new_figure(
+        1, 2, width_in=10.0, height_in=1.8 + 0.5 * len(keys), title=heading, lines_in=0.5 * len(keys), labels_in=1.5
+    )
     biases = [bias for bias in detection.bias_m.unique() if bias]
     points: dict[str, Any] = {"linestyle": "none", "markersize": 5, "clip_on": False}
     for panel, level in zip(axes, LEVELS, strict=True):
@@ -180,8 +182,8 @@ def power_figure(power: pd.DataFrame, reliable: pd.DataFrame, *, title: str) -> 
                 panel.plot(group.bias_m, group.exact_rate, color="0.1", linewidth=0.8, label="F (apriori), exact")
         panel.set(xlabel="bias [m]", ylim=(-0.02, 1.02))
         panel.set_title("nominal thresholds (false-alarm rates differ)" if level == NOMINAL else equal)
-        legend_in(panel, loc="lower right", frameon=True, framealpha=0.9, edgecolor="none", fontsize=8)
     axes[0].set_ylabel("detection rate, with 95 % bounds")
+    legend_below(figure, axes, columns=3)
     return figure
 
 
@@ -193,10 +195,11 @@ def satellite_power_figure(power: pd.DataFrame, reliable: pd.DataFrame, *, title
     equal = power[(power.level == EQUAL_P_FA) & (power.satellite != "")]
     order = reliable.sort_values("mdb_m").name.tolist()
     groups = equal.groupby(["test", "reading"], sort=False)
-    columns = min(4, len(groups))
+    columns = columns_that_fit(min(4, len(groups)))
     rows = -(-len(groups) // columns)
     figure, axes = new_figure(
         rows, columns, width_in=2.8 * columns + 1.2, height_in=1.0 + (0.8 + 0.125 * len(order)) * rows,
+        lines_in=0.145 * len(order),
         title=f"{title}: detection of every satellite at equal false-alarm rates", sharex=True, sharey=True,
     )  # fmt: skip
     look: dict[str, Any] = {"vmin": 0, "vmax": 1, "cmap": "viridis", "shading": "nearest", "rasterized": True}

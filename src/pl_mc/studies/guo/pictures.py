@@ -14,6 +14,7 @@ from pl_mc.report.findings import Picture
 from pl_mc.statistics.least_squares import ls_quantities
 from pl_mc.studies.guo import figures
 from pl_mc.studies.guo.run import GuoExperiment, series_of
+from pl_mc.studies.sources import SiteSource
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -27,6 +28,9 @@ def pictures(stored: Tables, experiment: GuoExperiment) -> tuple[Picture, ...]:
     """The paper's figures 1-5 and those of detection rates."""
     title = experiment.title
     statistics = []
+    source, time = experiment.source, "epoch"
+    if isinstance(source, SiteSource):
+        time = f"epoch, one every {source.interval_s:g} s from {source.start}"
     # Many rows, which a folder may be without.
     epochs = stored["epochs"] if "epochs" in stored else pd.DataFrame({"test": []})
     for name, test, sizes in (
@@ -37,7 +41,7 @@ def pictures(stored: Tables, experiment: GuoExperiment) -> tuple[Picture, ...]:
         of_test = epochs[epochs.test == test]
         if len(of_test):
             first = of_test[of_test.reading == of_test.reading.iloc[0]]
-            draw = partial(figures.statistic_figure, first, biases_m=sizes, title=title)
+            draw = partial(figures.statistic_figure, first, biases_m=sizes, time=time, title=title)
             statistics.append(Picture(name, "A test's statistic and its threshold over the epochs.", draw))
     return (
         Picture(

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 import pandas as pd
 
-from pl_mc.report.figures import DASHED, bar_lengths, legend_below, legend_key, method_label, new_figure, note
+from pl_mc.report.figures import DASHED, bar_lengths, legend_below, legend_key, method_label, new_figure, widest_in
 from pl_mc.report.look import SeriesStyle, styles_of
 from pl_mc.studies.spec import ByOneAxis
 
@@ -47,7 +47,8 @@ def noise_figure(factors: pd.DataFrame, experiment: ByOneAxis) -> Figure:
     noises, methods = (list(dict.fromkeys(factors[column])) for column in ("noise", "method"))
     figure, axes = new_figure(
         len(_HEADINGS), len(faults), width_in=3.2 * len(faults) + 3.4,
-        height_in=len(_HEADINGS) * (0.9 + 0.42 * len(noises)) + 0.9, title=experiment.title, sharey=True,
+        height_in=len(_HEADINGS) * (0.9 + 0.42 * len(noises)) + 0.9, title=experiment.title, sharex="row",
+        sharey=True, lines_in=0.42 * len(noises), labels_in=widest_in(map(_spaced, noises), 8.0), panel_mm=22.0,
     )  # fmt: skip
     judged, styles = experiment.decides, styles_of(methods)
     for row, (event, heading) in enumerate(_HEADINGS.items()):
@@ -55,16 +56,17 @@ def noise_figure(factors: pd.DataFrame, experiment: ByOneAxis) -> Figure:
             here = factors[(factors.event == event) & (factors.fault == fault)]
             for number, (method, style) in enumerate(styles.items()):
                 _draw(panel, here[here.method == method], style, (number - (len(methods) - 1) / 2.0) * 0.22)
-            panel.set_title(f"{fault_words(fault)}: {heading.format(limits=judged.limits())}", fontsize=9.0)
+            panel.set_title(fault_words(fault), fontsize=9.0)
+            panel.set_xlabel(heading.format(limits=judged.limits()))
             panel.set(xscale="log", ylim=(len(noises) - 0.5, -0.5))
-            low, high = panel.get_xlim()
-            # At least two powers of ten, which then carry the only labels.
-            panel.set_xlim(min(low, 0.01 * high), min(high, 1.5))
             panel.xaxis.set_minor_formatter(NullFormatter())
             panel.set_yticks(range(len(noises)), [_spaced(name) for name in noises], fontsize=8.0)
             panel.grid(axis="y", visible=False)
             for edge in range(1, len(noises)):
                 panel.axhline(edge - 0.5, color="0.9", linewidth=0.8, zorder=0.5)
+        low, high = axes[row * len(faults)].get_xlim()
+        # At least two powers of ten, which then carry the only labels.
+        axes[row * len(faults)].set_xlim(min(low, 0.01 * high), min(high, 1.5))
     keys = {method_label(method, judged.axis): style for method, style in styles.items()}
     handles = [
         *(legend_key(label, color=style.colour, marker=style.marker, markersize=5) for label, style in keys.items()),
@@ -123,11 +125,10 @@ def exposure_figure(exposures: pd.DataFrame, *, event: str, assumed: int, axis: 
         lower.set(yscale="log", ylim=(0.7, 1.6 * samples), xlabel="correlation time [s] (leftmost: independent)")
         lower.set_title("independent samples that would do the same")
         lower.axhline(assumed, **DASHED)
-        look: Any = {"ha": "left", "va": "top", "fontsize": 8.5, "xycoords": ("axes fraction", "data")}
-        note(lower, f"assumed in a budget: {assumed}", (0.01, assumed), shift=(0, -3), **look)
     dotted = legend_key(f"{assumed} independent samples", color="0.3", linewidth=1.0, linestyle=_DOTS)
-    handles = [*axes[0].get_legend_handles_labels()[0], dotted]
-    legend_below(figure, columns=len(methods) + 1, side="center", keys=handles)
+    dashed = legend_key(f"assumed in a budget: {assumed}", **DASHED)
+    handles = [*axes[0].get_legend_handles_labels()[0], dotted, dashed]
+    legend_below(figure, columns=len(methods) + 2, side="center", keys=handles)
     return figure
 
 

@@ -15,7 +15,7 @@ from pl_mc.geometry import Geometry
 from pl_mc.geometry.frames import enu_rotation, geodetic
 from pl_mc.geometry.gps_time import gps_dates
 from pl_mc.geometry.record import SYSTEM_NAMES
-from pl_mc.report.figures import legend_below, legend_in, new_figure, shade, short_label
+from pl_mc.report.figures import columns_that_fit, legend_below, legend_in, new_figure, shade, short_label
 from pl_mc.report.findings import Picture
 from pl_mc.report.look import series_style, styles_of
 from pl_mc.report.stanford import stanford_figure
@@ -64,7 +64,7 @@ def _plane(part: pd.DataFrame, judged: Judged, edges_m: np.ndarray) -> np.ndarra
 def ground_figure(table: pd.DataFrame, *, title: str) -> Figure:
     """A panel for each method, all with the same axes; what lies far off is marked at the edge."""
     methods = list(dict.fromkeys(table.method))
-    across = min(2 if len(methods) in (2, 4) else 3, len(methods))
+    across = columns_that_fit(min(2 if len(methods) in (2, 4) else 3, len(methods)))
     down = -(-len(methods) // across)
     figure, axes = new_figure(
         down, across, width_in=3.1 * across + 0.6, height_in=3.1 * down + 0.8, title=title, sharex=True, sharey=True
@@ -209,7 +209,9 @@ def satellites_figure(g: Geometry, *, title: str) -> Figure:
 def alarm_figure(table: pd.DataFrame, *, judged: Judged, title: str) -> Figure:
     """A row for each method: bands where it alarms, marks where its level is misleading; ``table`` has ``rejected``."""
     methods = list(dict.fromkeys(table.method))
-    figure, (panel,) = new_figure(1, 1, width_in=8.0, height_in=0.42 * len(methods) + 1.5, title=title)
+    figure, (panel,) = new_figure(
+        1, 1, width_in=8.0, height_in=0.42 * len(methods) + 1.5, title=title, lines_in=0.42 * len(methods)
+    )
     half = longest_step(table) / 3.0
     shade(panel, faulted_windows(table), "faulted epochs")
     for k, name in enumerate(methods):

@@ -5,6 +5,7 @@ Tables are explained where they are made, in `pl_mc.studies.risk.tables`.
 
 from __future__ import annotations
 
+import textwrap
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -13,7 +14,16 @@ import pandas as pd
 from pl_mc.alert import VERTICAL, Judged
 from pl_mc.constants import K_HORIZONTAL, K_VERTICAL
 from pl_mc.geometry import Geometry
-from pl_mc.report.figures import DOTTED, bar_lengths, legend_below, legend_in, method_label, new_figure, note
+from pl_mc.report.figures import (
+    DOTTED,
+    bar_lengths,
+    columns_that_fit,
+    legend_below,
+    legend_in,
+    method_label,
+    new_figure,
+    note,
+)
 from pl_mc.report.look import SeriesStyle, series_style, styles_of
 from pl_mc.studies.risk.tables import EXACT
 
@@ -26,6 +36,8 @@ _SMALLEST = 1e-20
 
 # Satellites this near to each other on the sky map would share a name's place [deg].
 _NEAR_DEG = 14.0
+# Panels with a name on their own axes are no narrower [mm].
+_PANEL_MM = 60.0
 # Multipliers are shown up to so many times the smallest.
 _FARTHEST = 20.0
 
@@ -43,7 +55,7 @@ def risk_curve_figure(curves: pd.DataFrame, *, judged: Judged, title: str) -> Fi
     (called,) = judged.called
     figure, axes = new_figure(
         len(events), len(satellites), width_in=4.4 * len(satellites) + 0.6, height_in=3.4 * len(events) + 0.8,
-        title=title, sharex=True, sharey="row",
+        title=title, sharex=True, sharey="row", panel_mm=_PANEL_MM,
     )  # fmt: skip
     for row, event in enumerate(events):
         panels = axes[row * len(satellites) : (row + 1) * len(satellites)]
@@ -138,6 +150,7 @@ def worst_figure(worst: pd.DataFrame, *, judged: Judged, title: str) -> Figure:
     place = {name: k for k, name in enumerate(names)}
     figure, axes = new_figure(
         1, len(events), width_in=4.4 * len(events) + 0.6, height_in=1.8 + 0.3 * len(names),
+        lines_in=0.3 * len(names), panel_mm=70.0,
         title=f"{title}: the worst bias on each satellite", sharey=True,
     )  # fmt: skip
     for panel, event in zip(axes, events, strict=True):
@@ -158,10 +171,9 @@ def worst_figure(worst: pd.DataFrame, *, judged: Judged, title: str) -> Figure:
         if not seen.all():
             lost = rows[~seen].groupby("method", sort=False).size()
             counts = ", ".join(f"{count} of {method_label(str(method), judged.axis)}" for method, count in lost.items())
-            note(
-                panel, f"below {_SMALLEST:g}: {counts}", (1.0, 1.01), shift=(0, 0), fontsize=7,
-                xycoords="axes fraction", ha="right", va="bottom",
-            )  # fmt: skip
+            panel.set_xlabel(
+                "\n".join([panel.get_xlabel(), *textwrap.wrap(f"not drawn, below {_SMALLEST:g}: {counts}", 52)])
+            )
     axes[0].invert_yaxis()
     legend_below(figure, axes, columns=2)
     return figure
@@ -198,7 +210,12 @@ def step_figure(steps: pd.DataFrame, worst: pd.DataFrame, *, judged: Judged, tit
     events = list(dict.fromkeys(steps.event))
     count = max(len(events), 1)
     figure, axes = new_figure(
-        1, count, width_in=4.4 * count + 0.4, height_in=3.9, title=f"{title}: what a ramp in steps of 5 m sees"
+        1,
+        count,
+        width_in=4.4 * count + 0.4,
+        height_in=3.9,
+        title=f"{title}: what a ramp in steps of 5 m sees",
+        panel_mm=70.0,
     )
     peak_colour = series_style(1).colour
     for panel, event in zip(axes, events, strict=False):
@@ -245,7 +262,7 @@ def sky_figure(worst: pd.DataFrame, g: Geometry, *, axis: str, title: str) -> Fi
     methods = list(dict.fromkeys(chosen.method))
     figure, axes = new_figure(
         1, len(methods), width_in=4.1 * len(methods) + 0.8, height_in=4.4,
-        title=f"{title}: worst case of each satellite, {event}", subplot_kw={"projection": "polar"},
+        title=f"{title}: worst case of each satellite, {event}", panel_mm=70.0, subplot_kw={"projection": "polar"},
     )  # fmt: skip
     known = chosen.probability[chosen.probability > _SMALLEST]
     low, high = (known.min(), known.max()) if len(known) else (_SMALLEST, 1.0)
@@ -305,9 +322,11 @@ def calibration_figure(
     )
     usual_k = K_VERTICAL if judged.axis == VERTICAL else K_HORIZONTAL
     asked, methods = (list(dict.fromkeys(calibration[name])) for name in ("asked", "method"))
-    columns = 2 if len(asked) > 1 else len(asked) + 1
+    columns = columns_that_fit(2 if len(asked) > 1 else len(asked) + 1, panel_mm=_PANEL_MM)
     rows = -(-(len(asked) + 1) // columns)
-    figure, axes = new_figure(rows, columns, width_in=4.9 * columns + 0.3, height_in=3.7 * rows + 1.1, title=title)
+    figure, axes = new_figure(
+        rows, columns, width_in=4.9 * columns + 0.3, height_in=3.7 * rows + 1.1, title=title, panel_mm=_PANEL_MM
+    )
     # A method whose multipliers have no end would leave nothing to see of the others.
     usual = calibration.k_high[calibration.k_high < _FARTHEST * calibration.k_low[calibration.k_low > 0].min()]
     smallest = calibration.target.min()

@@ -10,7 +10,7 @@ import pandas as pd
 
 from pl_mc.alert import EITHER, Judged
 from pl_mc.report.accuracy import DIRECTIONS, ERRORS
-from pl_mc.report.figures import legend_in, method_label, new_figure, shade, short_label
+from pl_mc.report.figures import legend_in, method_label, new_figure, note, shade, short_label
 from pl_mc.report.look import styles_of
 
 if TYPE_CHECKING:
@@ -108,16 +108,19 @@ def flight_figure(flight: pd.DataFrame, *, title: str) -> Figure:
     from matplotlib.ticker import MaxNLocator
 
     heading = f"{title}: the flight"
-    figure, (above, height, bank) = new_figure(1, 3, width_in=11.0, height_in=4.2, title=heading)
+    figure, (above, height, bank) = new_figure(1, 3, width_in=11.0, height_in=4.2, title=heading, panel_mm=55.0)
     above.plot(flight.longitude_deg, flight.latitude_deg, color=_DARK, linewidth=0.7)
     start = flight.iloc[:1]
-    runway: dict[str, Any] = {"color": _LIGHT, "markeredgecolor": "0.1", "label": "runway"}
+    runway: dict[str, Any] = {"color": _LIGHT, "markeredgecolor": "0.1"}
     above.plot(start.longitude_deg, start.latitude_deg, linestyle="none", marker="o", **runway)
+    note(
+        above, "runway", (start.longitude_deg.iloc[0], start.latitude_deg.iloc[0]), shift=(0, -5), ha="center", va="top"
+    )
     above.set(xlabel="longitude [deg]", ylabel="latitude [deg]")
     above.set_aspect(1 / np.cos(np.radians(flight.latitude_deg.mean())))
     above.ticklabel_format(useOffset=False)
     above.xaxis.set_major_locator(MaxNLocator(4))
-    legend_in(above, loc="lower right")
+    above.margins(y=0.12)
     height.plot(flight.epoch, flight.height_m, color=_DARK, linewidth=1.0)
     height.set(xlabel="epoch", ylabel="height above the ellipsoid [m]", ylim=(0, None))
     bank.plot(flight.epoch, flight.bank_deg, color=_DARK, linewidth=0.6)

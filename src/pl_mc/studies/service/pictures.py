@@ -49,7 +49,9 @@ def pictures(stored: Tables, experiment: ServiceExperiment) -> tuple[Picture, ..
         least = stored["world"].groupby("operation", sort=False).worst_rate.min()
         named = [one.name for one in experiment.limits()]
         shown = [name for name in named if least[name] < 1.0] or named[:1]
-        return {f"{o}, {m}: {mean(m, o)}": share(m, o) for o in shown for m in methods}
+        every = {f"{o}, {m}: {mean(m, o)}": share(m, o) for o in shown for m in methods}
+        # A map on which all is the same says no more than its mean.
+        return {name: values for name, values in every.items() if np.ptp(values) > 0} or every
 
     def levels() -> Figure:
         table = stored["levels"]
@@ -81,8 +83,8 @@ def pictures(stored: Tables, experiment: ServiceExperiment) -> tuple[Picture, ..
             world(availability, limits_text(limits), **shares),
         ),
         Picture(
-            "world_operations", "The same for every operation.",
-            world(operations, of_operations, columns=len(methods), **shares),
+            "world_operations", "The same for every operation; maps that are the same everywhere are left out.",
+            world(operations, of_operations, columns=min(len(methods), 3), **shares),
         ),
         Picture("world_levels", "Vertical protection levels not exceeded in 99 % of the scenarios.", levels),
         Picture(

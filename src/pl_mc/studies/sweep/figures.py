@@ -12,8 +12,8 @@ import numpy as np
 import pandas as pd
 
 from pl_mc.alert import EITHER, Judged
-from pl_mc.report.figures import bar_lengths, legend_in, limit_line, method_label, new_figure, note
-from pl_mc.report.look import SeriesStyle, styles_of
+from pl_mc.report.figures import bar_lengths, legend_in, limit_line, method_label, new_figure, note, widest_in
+from pl_mc.report.look import SeriesStyle, look_now, styles_of
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -92,7 +92,10 @@ def rates_by_fault_figure(rates: pd.DataFrame, *, judged: Judged, title: str) ->
     place = {fault: k for k, fault in enumerate(dict.fromkeys(rates.fault))}
     count = rates.method.nunique()
     height_in = 1.6 + 0.32 * len(place) * count
-    figure, (left, right) = new_figure(1, 2, width_in=9.0, height_in=height_in, title=title, sharey=True)
+    figure, (left, right) = new_figure(
+        1, 2, width_in=9.0, height_in=height_in, title=title, sharey=True, lines_in=height_in - 1.6,
+        labels_in=widest_in(place),
+    )  # fmt: skip
     for k, (label, style, group) in enumerate(_by_method(rates, judged)):
         y = group.fault.map(place) + 0.6 * ((k + 0.5) / count - 0.5)
         for axes, event in ((left, "alarm"), (right, "misleading")):
@@ -144,9 +147,10 @@ def satellite_figure(rates: pd.DataFrame, satellites: pd.DataFrame, *, judged: J
     labels = [f"{row.Index}  r {row.redundancy:.2f}  {row.elevation_deg:2.0f}°" for row in facts.itertuples()]
     height_in = 1.6 + 0.42 * len(labels)
     figure, axes = new_figure(
-        2, len(methods), width_in=4.3 * len(methods) + 0.8, height_in=height_in, sharex=True, sharey=True
-    )
-    figure.suptitle(f"{title}; every satellite, sorted by redundancy number r (elevation)", x=0.01, ha="left")
+        2, len(methods), width_in=4.3 * len(methods) + 0.8, height_in=height_in, sharex=True, sharey=True,
+        lines_in=0.19 * len(labels), labels_in=widest_in(labels, 7.5),
+        title=f"{title}; every satellite, sorted by redundancy number r (elevation)",
+    )  # fmt: skip
     floor = 0.5 / rates.draws.max()
     for row, (event, heading, norm) in enumerate(
         (
@@ -158,13 +162,18 @@ def satellite_figure(rates: pd.DataFrame, satellites: pd.DataFrame, *, judged: J
         for panel, method in zip(panels, methods, strict=True):
             grid = rates[rates.method == method].pivot(index="satellite", columns="bias_m", values=f"{event}_rate")
             values = grid.loc[facts.index].to_numpy()
-            seen = np.ma.masked_less_equal(values, 0.0) if event == "misleading" else values
+            # What was never seen is grey whatever the event.
+            seen = np.ma.masked_less_equal(values, 0.0)
             image = panel.pcolormesh(grid.columns, np.arange(len(labels)), seen, norm=norm, cmap="viridis")
             panel.grid(visible=False)
             panel.set_facecolor("0.93")
             panel.set_title(f"{method_label(method, judged.axis)}: {event}")
         panels[0].set_yticks(np.arange(len(labels)), labels, family="monospace", fontsize=7.5)
-        figure.colorbar(image, ax=panels, label=heading, pad=0.01)
+        if look_now().width_in is None:
+            figure.colorbar(image, ax=panels, label=heading, pad=0.01)
+        else:
+            # Methods may stand below each other.
+            figure.colorbar(image, ax=axes, label=heading, location="bottom", aspect=30, pad=0.01)
     for panel in panels:
         panel.set_xlabel("bias [m]; grey: none seen" if panel is panels[0] else "bias [m]")
     return figure
@@ -183,9 +192,11 @@ def map_figure(rates: pd.DataFrame, *, event: str, judged: Judged, title: str) -
     satellites = sorted(rates.satellite.unique(), key=lambda name: ("GCER".index(name[0]), name))
     places = np.arange(len(satellites))
     height_in = 1.0 + (1.0 + 0.115 * len(satellites)) * len(methods)
-    figure, axes = new_figure(len(methods), 1, width_in=9.0, height_in=height_in, sharex=True)
     meaning = judged.probability(event)
-    figure.suptitle(f"{title}: {meaning}, mean over the biases; {judged.limits()}", x=0.01, ha="left")
+    figure, axes = new_figure(
+        len(methods), 1, width_in=9.0, height_in=height_in, sharex=True, lines_in=0.145 * len(satellites),
+        title=f"{title}: {meaning}, mean over the biases; {judged.limits()}",
+    )  # fmt: skip
     column = f"{event}_rate"
     floor = 0.5 / rates.draws.max()
     norm = Normalize(0.0, 1.0) if event == "alarm" else LogNorm(floor, max(float(rates[column].max()), 10 * floor))

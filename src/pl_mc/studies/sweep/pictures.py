@@ -85,6 +85,10 @@ def _over_time(tables: Tables, experiment: SweepExperiment, judged: Judged) -> I
         rates = of_axis(tables["by_epoch_satellite"], one)
         return figures.map_figure(rates, event=event, judged=one, title=experiment.title)
 
+    counted = of_axis(tables["by_bias"], judged) if "by_bias" in tables else None
     for event in EVENTS:
+        # Nothing is to be seen on a map of what never was; a note says so.
+        if counted is not None and not counted[f"{event}_rate"].any():
+            continue
         caption = f"Rate of the event {event} by epoch and faulted satellite, over all biases."
         yield f"map_{event}", caption, partial(draw, event)

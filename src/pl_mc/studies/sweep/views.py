@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable
+from collections.abc import Iterable, Iterator
 from typing import Literal
 
 import numpy as np
@@ -21,7 +21,7 @@ from pl_mc.statistics.exact import ls_rates
 from pl_mc.studies.fault_fields import RampSizes
 from pl_mc.studies.planned_sweep import PlannedSweep
 from pl_mc.studies.sweep.record import SweepExperiment
-from pl_mc.studies.sweep.text import faults_summary, map_summary, satellites_summary
+from pl_mc.studies.sweep.text import EVENTS, faults_summary, map_summary, of_axis, satellites_summary
 
 # Draws whose protection levels are kept one by one, for medians and quantiles.
 LEVEL_DRAWS = 2000
@@ -128,9 +128,21 @@ def over_time(experiment: SweepExperiment, execution: Execution) -> Findings:
             Table("by_satellite", of_satellite),
             Table("by_epoch_satellite", by_place, stored="parquet"),
         ),
-        notes=notes,
+        notes=(*notes, *_without_map(of_bias, by_place, experiment)),
         rows={"epochs": sweep.stored(execution)},
     )
+
+
+def _without_map(of_bias: pd.DataFrame, by_place: pd.DataFrame, experiment: SweepExperiment) -> Iterator[str]:
+    """A sentence about each event that was seen nowhere, of which there is no map."""
+    for one in experiment.judged():
+        counted, placed = (of_axis(table, one) for table in (of_bias, by_place))
+        for event in EVENTS:
+            if not counted[f"{event}_rate"].any():
+                yield (
+                    f"No map of {event} ({one.limits()}): it was seen at no epoch with no satellite, which bounds its "
+                    f"rate at each of them by {placed[f'{event}_high'].max():.2g} (95 %)."
+                )
 
 
 def keys_of(table: pd.DataFrame) -> list[str]:

@@ -13,6 +13,7 @@ from pl_mc.alert import Judged
 from pl_mc.report.figures import bar_lengths, legend_below, legend_key, limit_line, new_figure
 from pl_mc.report.look import SeriesStyle, styles_of
 from pl_mc.report.text import grouped
+from pl_mc.statistics.intervals import clopper_pearson
 from pl_mc.time_ramps.timing import LIMITS_S
 
 if TYPE_CHECKING:
@@ -21,7 +22,10 @@ if TYPE_CHECKING:
     from matplotlib.figure import Figure
     from matplotlib.lines import Line2D
 
-_UNSEEN: Any = {"color": "0.45", "linestyle": "", "marker": "v", "markerfacecolor": "none"}
+# So few rates are named one by one.
+_FEW_RATES = 3
+# From method to method, as a factor of the rate.
+_ASIDE = 1.05
 
 
 def same_methods(table: pd.DataFrame) -> list[tuple[str, ...]]:
@@ -50,21 +54,22 @@ def alert_figure(table: pd.DataFrame, *, judged: Judged, title: str) -> Figure:
         for method, style in _styles(groups).items():
             rows = ramps[(ramps.tau_s == tau) & (ramps.method == method)]
             heard = rows[rows.detected_rate >= 0.5]
-            line(upper, heard.rate_m_per_s, heard.error_at_alert_50_m, style)
+            _bars(upper, heard, "error_at_alert_50{}_m", style)
             kept = rows[np.isfinite(rows.alert_after_hazard_95_s)]
-            line(lower, kept.rate_m_per_s, kept.alert_after_hazard_95_s, style)
+            _bars(lower, kept, "alert_after_hazard_95{}_s", style)
         upper.set(xscale="log", yscale="log")
-        upper.set_title(f"{_heading(tau)}: median error at the alarm [m]")
+        upper.set_title(_heading(tau))
         limit_line(upper, limit_m, judged.limits())
         lower.set_yscale("symlog", linthresh=10.0, linscale=0.8)
         plain_ticks(lower.yaxis, (-1000, -100, -10, 0, 10, 100, 1000))
-        lower.set_title(f"{_heading(tau)}: alarm after the error passed {called.limit} [s], 95 %")
         lower.set_xlabel("rate of the ramp [m/s]")
         # Room for the names of the limits.
         lower.set_xlim(0.75 * float(ramps.rate_m_per_s.min()), 2.6 * float(ramps.rate_m_per_s.max()))
         for limit in LIMITS_S:
             limit_line(lower, limit, f"{limit} s", width=0.9, shift=(0, 0), fontsize=7.5)
     plain_ticks(axes[0].yaxis, (2, 5, 10, 20, 50, 100, 200, 500))
+    axes[0].set_ylabel("median error at the alarm [m]")
+    axes[len(taus)].set_ylabel(f"from error = {called.limit} to 95 % of alarms [s]")
     _legend(figure, groups)
     return figure
 
@@ -72,33 +77,53 @@ def alert_figure(table: pd.DataFrame, *, judged: Judged, title: str) -> Figure:
 def late_figure(table: pd.DataFrame, *, title: str) -> Figure:
     """The share of passes whose alarm is later than each limit after the error passed its limit, against the rate.
 
-    Open triangles are 95 % upper bounds where no alarm was late; the table is that of `pl_mc.time_to_alert`.
+    Rates beyond the last one with a late alarm but one are left out; methods stand a little beside each other, so that
+    all bars are seen. The table is that of `pl_mc.time_to_alert`.
     """
     ramps = table[(table.rate_m_per_s > 0) & (table.hazards > 0)]
+    rates = np.unique(ramps.rate_m_per_s)
+    late = ramps.rate_m_per_s[ramps[[f"late_{limit}" for limit in LIMITS_S]].gt(0).any(axis=1)]
+    ramps = ramps[ramps.rate_m_per_s <= rates[rates > late.max()].min(initial=rates[-1])]
     taus, groups = list(dict.fromkeys(ramps.tau_s)), same_methods(table)
     figure, axes = new_figure(
         len(taus), len(LIMITS_S), width_in=12.6, height_in=3.5 * len(taus) + 1.5, title=title, sharex=True,
-        sharey=True,
+        sharey=True, panel_mm=27.0,
     )  # fmt: skip
+    # Every method has as many passes, and so nearly the same bound where nothing was seen.
+    unseen = float(clopper_pearson(0, int(ramps.hazards.max()))[1])
+    bound: Any = {"color": "0.45", "linewidth": 0.8, "linestyle": ":"}
     for panel, (tau, limit) in zip(axes, ((tau, limit) for tau in taus for limit in LIMITS_S), strict=True):
-        for method, style in _styles(groups).items():
+        for k, (method, style) in enumerate(_styles(groups).items()):
             rows = ramps[(ramps.tau_s == tau) & (ramps.method == method)]
-            seen = rows[f"late_{limit}"] > 0
             # A line ends where nothing was seen.
-            value = rows[f"late_{limit}_rate"].where(seen)
-            bars = bar_lengths(value, rows[f"late_{limit}_low"], rows[f"late_{limit}_high"])
-            look: Any = {"fmt": "none", "ecolor": style.colour, "elinewidth": 0.9, "zorder": 2.0}
-            panel.errorbar(rows.rate_m_per_s, value, yerr=bars, **look)
-            line(panel, rows.rate_m_per_s, value, style)
-            # Every method has as many passes, and so the same bound.
-            none = rows[~seen]
-            panel.plot(none.rate_m_per_s, none[f"late_{limit}_high"], **_UNSEEN, markersize=5.0, zorder=1.8)
+            rows = rows[rows[f"late_{limit}"] > 0]
+            aside = rows.assign(
+                rate_m_per_s=rows.rate_m_per_s * _ASIDE ** (k - (len(groups) - 1) / 2.0),
+                late=rows[f"late_{limit}_rate"], late_low=rows[f"late_{limit}_low"],
+                late_high=rows[f"late_{limit}_high"],
+            )  # fmt: skip
+            _bars(panel, aside, "late{}", style)
+        panel.axhline(unseen, **bound)
         panel.set(xscale="log", yscale="log", ylim=(0.3 / float(ramps.passes.max()), 1.5))
-        panel.set_title(f"{_heading(tau)}: P(alarm later than {limit} s)")
+        if ramps.rate_m_per_s.nunique() <= _FEW_RATES:
+            plain_ticks(panel.xaxis, list(np.unique(ramps.rate_m_per_s)))
+        panel.set_xlim(0.7 * ramps.rate_m_per_s.min(), 1.4 * ramps.rate_m_per_s.max())
+        panel.set_title(f"{_heading(tau)}: later than {limit} s")
         if tau == taus[-1]:
             panel.set_xlabel("rate of the ramp [m/s]")
-    _legend(figure, groups, legend_key("none seen: upper bound", markersize=5, **_UNSEEN))
+    for panel in axes[:: len(LIMITS_S)]:
+        panel.set_ylabel("share of passes")
+    _legend(figure, groups, legend_key("95 % upper bound of none seen", **bound))
     return figure
+
+
+def _bars(panel: Axes, rows: pd.DataFrame, column: str, style: SeriesStyle) -> None:
+    """A curve with its intervals; ``column`` has a place for ``_low`` and ``_high``."""
+    value, low, high = (rows[column.format(end)] for end in ("", "_low", "_high"))
+    bars = np.where(np.isfinite(bar_lengths(value, low, high)), bar_lengths(value, low, high), 0.0)
+    look: Any = {"fmt": "none", "ecolor": style.colour, "elinewidth": 0.9, "zorder": 2.0}
+    panel.errorbar(rows.rate_m_per_s, value, yerr=bars, **look)
+    line(panel, rows.rate_m_per_s, value, style)
 
 
 def line(panel: Axes, x: pd.Series, y: pd.Series, style: SeriesStyle) -> None:

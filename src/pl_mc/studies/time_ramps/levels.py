@@ -105,12 +105,13 @@ def levels_figure(table: pd.DataFrame, *, judged: Judged, title: str) -> Figure:
             line(upper, rows.rate_m_per_s, rows.misleading.where(rows.misleading >= _LEAST), look)
             line(lower, rows.rate_m_per_s, rows.error_at_alarm_50_m, look)
         upper.set(xscale="log", yscale="log")
-        upper.set_title(f"tau {tau:g} s: P(misleading at an epoch), largest")
+        upper.set_title(f"tau {tau:g} s")
         lower.set_yscale("log")
-        lower.set_title(f"tau {tau:g} s: mean error when half alarm [m]")
         lower.set_xlabel("rate of the ramp [m/s]")
         limit_line(lower, limit_m, judged.limits())
     plain_ticks(axes[len(taus)].yaxis, (1, 2, 3, 5, 7, 10, 15, 20, 30, 50, 70, 100, 200, 300, 500))
+    axes[0].set_ylabel("P(misleading at an epoch), largest")
+    axes[len(taus)].set_ylabel("mean error when half alarm [m]")
     keys = [legend_key(name, markersize=5, **style.look) for name, style in styles.items()]
     legend_below(figure, columns=3, side="center", keys=keys)
     return figure

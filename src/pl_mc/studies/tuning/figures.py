@@ -8,8 +8,8 @@ import numpy as np
 import pandas as pd
 
 from pl_mc.alert import Judged
-from pl_mc.report.figures import DOTTED, bar_lengths, legend_below, new_figure, note
-from pl_mc.report.look import SeriesStyle, series_style
+from pl_mc.report.figures import DOTTED, bar_lengths, legend_below, new_figure, note, power_text
+from pl_mc.report.look import SeriesStyle, look_now, series_style
 from pl_mc.studies.tuning.text import PRICES
 
 if TYPE_CHECKING:
@@ -32,7 +32,14 @@ def tuning_figure(table: pd.DataFrame, *, judged: Judged, title: str) -> Figure:
     targets, limit, ((pl, level, limit_m),) = list(dict.fromkeys(table.target)), judged.limits(), judged.levels
     labels = {name: label for name, label in _LABELS.items() if name not in ("vpl", "hpl") or name == pl}
     figure, (left, right) = new_figure(
-        1, 2, width_in=9.6, height_in=1.6 + 1.35 * len(targets), title=title, sharey=True
+        1,
+        2,
+        width_in=9.6,
+        height_in=1.6 + 1.35 * len(targets),
+        lines_in=1.35 * len(targets),
+        title=title,
+        sharey=True,
+        panel_mm=70.0,
     )
     kind = table.limits.where(table.limits != "tuned", table.tuned_for)
     for k, target in enumerate(targets):
@@ -51,9 +58,10 @@ def tuning_figure(table: pd.DataFrame, *, judged: Judged, title: str) -> Figure:
         left, limit, (limit_m, 1.0), shift=(-3, -2), xycoords=("data", "axes fraction"), ha="right",
         va="top", color="0.15",
     )  # fmt: skip
-    left.set_yticks(range(len(targets)), [f"{target:g}" for target in targets])
+    left.set_yticks(range(len(targets)), [power_text(target) for target in targets])
     left.set(ylabel="risk that is kept", xlabel=f"mean {level}, fault-free [m]", ylim=(len(targets) - 0.45, -0.55))
-    left.set_xlim(0.0, 1.6 * float(np.nanmax(table[f"{pl}_m"])))
+    # Room for the notes.
+    left.set_xlim(0.0, (1.6 if look_now().width_in is None else 2.2) * float(np.nanmax(table[f"{pl}_m"])))
     right.set_xscale("log")
     right.set(xlabel=f"P(alarm), fault-free, {limit}", xlim=(_SMALLEST, 1.5))
     legend_below(figure, [left], columns=2)
@@ -63,7 +71,7 @@ def tuning_figure(table: pd.DataFrame, *, judged: Judged, title: str) -> Figure:
 def _alarm(axes: Axes, row: pd.Series, place: float, style: SeriesStyle) -> None:
     """A rate with its interval; where none was counted an arrow from its upper bound, where it is small a note."""
     if row.alarm_high < _SMALLEST:
-        small = f"below {_SMALLEST:.0e}"
+        small = f"below {power_text(_SMALLEST)}"
         note(axes, small, (_SMALLEST, place), shift=(4, 0), va="center", color=style.colour)
     elif row.alarm_rate == 0:
         axes.plot(row.alarm_high, place, marker="<", color=style.colour, markerfacecolor="white")

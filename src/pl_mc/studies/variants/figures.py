@@ -2,13 +2,14 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from typing import TYPE_CHECKING, Any
 
 import pandas as pd
 
 from pl_mc.alert import Judged
-from pl_mc.report.figures import DOTTED, new_figure, note
-from pl_mc.report.look import styles_of
+from pl_mc.report.figures import DOTTED, legend_below, new_figure, note
+from pl_mc.report.look import SeriesStyle, look_now, styles_of
 from pl_mc.statistics.intervals import clopper_pearson
 
 if TYPE_CHECKING:
@@ -41,18 +42,23 @@ def variants_figure(rates: pd.DataFrame, faults: pd.DataFrame, *, judged: Judged
         len(groups), len(columns), width_in=13.0, height_in=1.2 + 2.25 * len(groups), sharex=True, sharey="col",
         title=f"{title}, epoch {int(faults.epoch.iloc[0])}",
     )  # fmt: skip
-    draws = int(rates.draws.min())
+    draws, in_print = int(rates.draws.min()), look_now().width_in is not None
     unseen = float(clopper_pearson(0, draws)[1])
     for row, group in enumerate(groups):
         panels = axes[len(columns) * row : len(columns) * (row + 1)]
+        # Beside each row its own legend; in print one of all rows, in which no two are alike.
+        named = rates if in_print else rates[rates.group.isin(["", group])]
+        styles = styles_of({"default": "igg3"}.get(name, name) for name in map(str, named.variant))
         for panel, (name, event) in zip(panels, columns, strict=True):
-            _draw(panel, rates[(rates.fault_class == name) & rates.group.isin(["", group])], event)
+            _draw(panel, rates[(rates.fault_class == name) & rates.group.isin(["", group])], event, styles)
             if event == "misleading":
                 panel.axhline(unseen, **DOTTED)
         panels[0].set_ylabel(group, fontsize=10.5, fontweight="bold")
-        panels[-1].legend(
-            *panels[0].get_legend_handles_labels(), loc="center left", bbox_to_anchor=(1.02, 0.5), borderaxespad=0.0
-        )
+        if not in_print:
+            keys = panels[0].get_legend_handles_labels()[0]
+            panels[-1].legend(handles=keys, loc="center left", bbox_to_anchor=(1.02, 0.5), borderaxespad=0.0)
+    if in_print:
+        legend_below(figure, axes, columns=2)
     for first, last, (name, event) in zip(axes, axes[-len(columns) :], columns, strict=False):
         what = f"P(alarm), {judged.limits()}" if event == "alarm" else "P(misleading)"
         first.set_title(f"{name}, {satellites[name]}\n{what}", fontsize=9.5)
@@ -68,13 +74,12 @@ def variants_figure(rates: pd.DataFrame, faults: pd.DataFrame, *, judged: Judged
     return figure
 
 
-def _draw(panel: Axes, rates: pd.DataFrame, event: str) -> None:
+def _draw(panel: Axes, rates: pd.DataFrame, event: str, styles: Mapping[str, SeriesStyle]) -> None:
     """The curves of one panel with their 95 % intervals."""
-    groups = rates.groupby(["group", "variant"], sort=False)
-    # The default is the IGG-III of other figures.
-    styles = styles_of({"default": "igg3"}.get(str(variant), str(variant)) for (_, variant), _ in groups)
-    for ((group, variant), curve), style in zip(groups, styles.values(), strict=True):
-        options = _DEFAULT if variant == "default" and not group else {}
+    for (group, variant), curve in rates.groupby(["group", "variant"], sort=False):
+        is_default = variant == "default" and not group
+        # The default is the IGG-III of other figures.
+        style, options = styles["igg3" if variant == "default" else str(variant)], _DEFAULT if is_default else {}
         label = {"ls": "least squares"}.get(str(variant), str(variant))
         rate, low, high = (curve[f"{event}_{part}"] for part in ("rate", "low", "high"))
         if event == "misleading":
