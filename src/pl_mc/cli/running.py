@@ -7,7 +7,26 @@ from typing import Annotated, Any
 
 from cyclopts import Parameter
 
-from pl_mc.cli.printing import Count, Draws, Flag, Json, Limit, Output, Progress, Seed, Several, Texts, Which, overrides
+from pl_mc.cli.printing import (
+    Axes,
+    AxisWord,
+    Count,
+    Draws,
+    ErrorModelWord,
+    Flag,
+    IonosphereWord,
+    Json,
+    Limit,
+    Methods,
+    Output,
+    Precisions,
+    Progress,
+    Seed,
+    Several,
+    Texts,
+    Which,
+    overrides,
+)
 from pl_mc.input_errors import InputError, shown
 from pl_mc.runtime.kept_programs import keep_programs
 
@@ -23,7 +42,7 @@ def run(
     seed: Seed = None,
     val: Limit = None,
     hal: Limit = None,
-    axes: Texts = (),
+    axes: Axes = (),
     fault: Texts = (),
     resume: Flag = False,
     fresh: Flag = False,
@@ -144,13 +163,13 @@ def observe(
     fault: Texts = (),
     mask_deg: Annotated[float, Parameter(name=("--mask-deg", "--mask"), allow_leading_hyphen=True)] = 10.0,
     snr_dbhz: Annotated[float | None, Parameter(name=("--snr-dbhz", "--snr"))] = None,
-    error_model: str = "residual",
-    ionosphere: str = "broadcast",
+    error_model: Annotated[ErrorModelWord, Parameter(show_choices=False)] = "residual",
+    ionosphere: Annotated[IonosphereWord, Parameter(show_choices=False)] = "broadcast",
     ionex: Annotated[tuple[Path, ...], Several] = (),
-    method: Texts = ("ls", "igg3"),
+    method: Methods = ("ls", "igg3"),
     val: Limit = None,
     hal: Limit = None,
-    axes: str | None = None,
+    axes: Annotated[AxisWord | None, Parameter(show_choices=False)] = None,
     claims: Annotated[tuple[Path, ...], Several] = (),
     claim_multiplier: Limit = None,
     residuals: Flag = False,
@@ -246,7 +265,7 @@ def observe(
 def bench(
     *,
     seconds: float = 10.0,
-    precision: Texts = ("float64", "float32"),
+    precision: Precisions = ("float64", "float32"),
     devices: int | None = None,
     limit: Path | None = None,
     scaling: str | None = None,

@@ -27,6 +27,7 @@ from pl_mc.report.assumed import ASSUMED, Assumed
 from pl_mc.report.charts import charts_of
 from pl_mc.report.document import Block, FigureEntry, Heading, Paragraph
 from pl_mc.report.run_folder import RunFolder, flat_fields, value_text
+from pl_mc.runtime.progress import duration_text
 from pl_mc.runtime.typed_command import without_home
 from pl_mc.runtime.whole_files import write_whole
 
@@ -289,7 +290,7 @@ def _unbroken(text: str) -> str:
 def _duration(seconds: Any) -> str:
     if isinstance(seconds, bool) or not isinstance(seconds, int | float) or not 0 <= seconds < 1e12:
         return "an unknown time"
-    return f"{seconds:.1f} s" if seconds < 120 else f"{seconds / 60:.1f} min"
+    return f"{seconds:.1f} s" if seconds < 90 else duration_text(seconds)
 
 
 def _cell(value: Any) -> str:
