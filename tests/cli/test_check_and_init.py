@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import re
 import tomllib
 from collections.abc import Iterator
 from pathlib import Path
@@ -21,6 +22,7 @@ from pl_mc.experiments.loading import build_experiment, load_experiment
 from pl_mc.experiments.source_files import experiment_files
 from pl_mc.experiments.template import template, template_for
 from pl_mc.input_errors import InputError
+from pl_mc.runtime.progress import duration_text
 from pl_mc.studies.registry import KINDS
 
 WRONG = """kind = "sweep"
@@ -368,3 +370,20 @@ def test_lines_of_fields_are_where_they_are(fields: dict[str, Any], tables: dict
 def test_single_precision_is_refused_where_it_would_do_nothing(name: str) -> None:
     with pytest.raises(InputError, match="precision: this kind computes in double precision alone"):
         load_experiment(name, {"precision": "float32"})
+
+
+@pytest.mark.parametrize(
+    ("seconds", "said"),
+    [(0.2, "1 s"), (89, "89 s"), (90, "1.5 min"), (5_000, "83 min"), (5_400, "1.5 h"), (86_400, "24.0 h"),
+     (172_800, "2.0 days"), (670_000, "7.8 days"), (1e8, "1,157 days")],
+)  # fmt: skip
+def test_times_are_told_in_the_unit_that_people_take(seconds: float, said: str) -> None:
+    assert duration_text(seconds) == said
+
+
+def test_a_cost_of_days_is_told_in_days(capsys: pytest.CaptureFixture[str]) -> None:
+    code, out, _ = checked(["check", "zhao2021-sweep", "--draws", "1000000"], capsys)
+    assert code == 0
+    assert re.search(r"over all methods, about \d+(\.\d)? days, about", out)
+    # What a program costs that is compiled once and kept is told apart.
+    assert "the first run compiles and takes about 6 s more" in out

@@ -12,6 +12,9 @@ import pytest
 from stored_runs import counts, store_run
 
 from pl_mc.cli.main import app, main
+from pl_mc.cli.printing import ERROR_MODEL_NAMES, METHOD_NAMES
+from pl_mc.error_models.registry import ERROR_MODELS
+from pl_mc.methods.registry import METHODS
 
 
 @pytest.fixture(scope="module")
@@ -54,7 +57,22 @@ def test_the_list_is_names_titles_or_json(capsys: pytest.CaptureFixture[str]) ->
     listed = json.loads(capsys.readouterr().out)
     main(["list", "--quiet"])
     assert capsys.readouterr().out.split() == [one["name"] for one in listed]
-    assert {"name", "kind", "title"} == set(listed[0])
+    assert {"name", "kind", "title", "needs"} == set(listed[0])
+    needs = {one["name"]: one["needs"] for one in listed}
+    assert needs["ramp"] == {"files": [], "extras": []}
+    assert needs["service-volume"] == {"files": [], "extras": ["maps"]}
+    # What comes with the package is no need.
+    assert needs["observe-day"]["files"] == [
+        "ESBC00DNK_R_20201770000_01D_30S_MO.crx.gz", "ESBC00DNK_R_20201770000_01D_MN.rnx.gz",
+    ]  # fmt: skip
+    main(["list"])
+    rows = capsys.readouterr().out.splitlines()
+    assert rows[0].split() == ["name", "needs", "title"]
+    told = {row.split()[0]: row for row in rows[1 : 1 + len(listed)]}
+    assert "  2 files     " in told["guo2022-esbc"]
+    assert "  extra maps  " in told["service-volume"]
+    assert "  -           5-100 m" in told["ramp"]
+    assert "PL_MC_DATA" in rows[-1]
 
 
 @pytest.mark.parametrize(
@@ -111,6 +129,26 @@ def test_completion_knows_commands_and_options() -> None:
         script = app.generate_completion(shell=shell)
         assert "compare" in script
         assert "measure" in script
+        # Values of options, and names of experiments.
+        for value in ("zhao2021-static", "igg3_gated", "horizontal", "float32", "dual_frequency", "broadcast"):
+            assert value in script, (shell, value)
+
+
+def test_what_shells_offer_is_what_there_is(capsys: pytest.CaptureFixture[str]) -> None:
+    assert set(METHOD_NAMES) == set(METHODS)
+    # That of one's own figures needs a file.
+    assert set(ERROR_MODEL_NAMES) == set(ERROR_MODELS) - {"user"}
+    # What else may stand there is told by the house's own sentence, and names of files are no slips.
+    for arguments, words in (
+        (["run", "rampe"], "nearest: ramp"),
+        (["run", "ramp", "--axes", "vertikal"], "nearest: vertical"),
+        (["check", "nothing.toml"], "there is no such file"),
+    ):
+        with pytest.raises(SystemExit, match="2"):
+            main(arguments)
+        assert words in capsys.readouterr().err
+    main(["run", "--help"])
+    assert "zhao2021-sweep|" not in capsys.readouterr().out
 
 
 def test_a_terminal_without_colours_gets_none() -> None:

@@ -103,8 +103,8 @@ def test_defaults_are_called_so_typed_or_not() -> None:
     assert found["draws"].said == "300"
     assert found["seed"].said == "20171121 (by default)"
     assert found["geometry.error_model.sigma0_gps_m"].said == "0.3 (by default)"
-    assert found["methods.2.p_sat"].said == "1e-05 (by default)"
-    assert found["methods.2.budget.p_hmi_vertical"].said == "9.8e-08 (by default)"
+    assert found["methods.2.p_sat"].said == "1e-5 (by default)"
+    assert found["methods.2.budget.p_hmi_vertical"].said == "9.8e-8 (by default)"
     assert found["methods.2.budget.exposure_h"].meaning == "how long the operation is exposed to faults [h]"
 
 
@@ -116,11 +116,11 @@ def test_a_message_takes_the_place_of_an_option_s_default(tmp_path: Path) -> Non
     assert not {"methods.0.p_sat", "methods.0.p_const", "methods.0.b_nom_m"} & set(found)
     by_message = {"name": "araim", "ism": str(ism)}
     found = conditions(methods=[by_message, {"name": "araim", "p_sat": 1e-4}, {"name": "araim", "b_nom_m": 0.5}])
-    assert [found[f"methods.{k}.p_sat"].said for k in (1, 2)] == ["0.0001", "1e-05 (by default)"]
+    assert [found[f"methods.{k}.p_sat"].said for k in (1, 2)] == ["1e-4", "1e-5 (by default)"]
     assert found["methods.1.b_nom_m"].said == "0.75 (by default)"
     found = conditions(methods=[{"name": "araim", "ism": {"p_sat": 1e-4, "p_const": 0.0, "b_nom_m": 0.5}}])
     assert found["methods.0.ism.p_sat"].sentence == (
-        "`methods.0.ism.p_sat` is `0.0001`: prior probability of a fault of the satellite."
+        "`methods.0.ism.p_sat` is `1e-4`: prior probability of a fault of the satellite."
     )
 
 

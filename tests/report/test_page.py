@@ -12,7 +12,7 @@ from typing import Any
 import numpy as np
 import pandas as pd
 import pytest
-from PIL import Image
+from PIL import Image, ImageDraw
 from stored_runs import CAPTION, counts, store_run
 
 from pl_mc.experiments.assuming import assumed_of
@@ -69,6 +69,32 @@ def test_a_page_has_its_parts_and_refers_to_nothing_outside(small_run: Path) -> 
     # What users write is text, never part of the page.
     assert "<b>for</b>" not in text
     assert "A ramp &lt;b&gt;for&lt;/b&gt; tests &amp; more" in text
+
+
+def test_headings_say_what_columns_mean_and_methods_have_short_names(tmp_path: Path) -> None:
+    long = "w_test(alpha=0.00085966165196832,exclusions=0,final=local)"
+    rates = counts({"ls": (0, 9, 400, 400), long: (0, 0, 0, 0)}, methods=("ls", long))
+    run = read_run_folder(store_run(tmp_path / "long", rates, with_figure=False))
+    text = page_of_run(run, shown_as=run.folder)
+    assert '<th scope="col" class="number" title="draws with the event missed, hazard and no alarm">missed</th>' in text
+    assert "<td>w_test(...)</td>" in text
+    assert "alpha=0.00085966165196832, exclusions=0, final=local" in text
+    assert '"curves":["least squares (VPL)","w_test(...)"]' in text
+    # Curves are called what the literature calls them.
+    assert '{"label":"misleading information (MI)","rate":true}' in text
+    assert '{"label":"hazardously misleading information (HMI)","rate":true}' in text
+
+
+def test_figures_whose_shades_have_a_meaning_are_not_turned_round(tmp_path: Path) -> None:
+    lines, areas = Image.new("RGB", (600, 400), "white"), Image.new("RGB", (600, 400), "#1f77b4")
+    ImageDraw.Draw(lines).line((0, 0, 600, 400), fill="#d55e00", width=3)
+    lines.save(tmp_path / "lines.png")
+    areas.save(tmp_path / "areas.png")
+    lines.save(tmp_path / "named.png")
+    words = {"lines": "Drawn in it: bias [m].", "areas": "Drawn in it: latitude.", "named": "Drawn in it: white: none."}
+    entries = [FigureEntry(name, "Rates.", f"Rates. {said}") for name, said in words.items()]
+    figures = page_figures(tmp_path, entries, most_bytes=1_000_000)
+    assert [figure.as_it_is for figure in figures] == [False, True, True]
 
 
 def test_the_answer_gives_the_numbers_of_the_table(small_run: Path) -> None:

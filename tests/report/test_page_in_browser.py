@@ -169,3 +169,47 @@ def test_lines_in_time_end_where_epochs_are_missing(browser: Browser, small_run:
     assert "2020-06-25 00:00:00 1 s" in seen["tip"]
     assert "least squares, error: 0.5 m" in seen["tip"]
     assert "least squares, level: 7 m" in seen["tip"]
+
+
+PRINTED = """
+const closed = () => document.querySelectorAll('details:not([open])').length;
+const curves = () => document.querySelectorAll('.canvas svg polyline').length;
+const hidden = () => document.querySelectorAll('.legend button[aria-pressed="false"]').length;
+const state = () => [closed(), curves(), hidden()];
+document.querySelector('.legend button').click();
+document.querySelector('details').open = false;
+out.before = state();
+dispatchEvent(new Event('beforeprint')); out.paper = state();
+dispatchEvent(new Event('afterprint')); out.after = state();
+const chart = document.querySelector('.canvas svg').getBoundingClientRect();
+const figure = document.querySelector('figure img').getBoundingClientRect();
+out.height = chart.height; out.figure = figure.width;
+out.main = document.querySelector('main section').getBoundingClientRect().width;
+"""
+
+
+def test_on_paper_nothing_is_closed_or_hidden(browser: Browser, page: Path) -> None:
+    seen, console = browser.probe(page, PRINTED)
+    assert console == []
+    closed, curves, hidden = seen["before"]
+    assert closed >= 1
+    assert hidden == 1
+    assert seen["paper"] == [0, curves + 1, 0]
+    assert seen["after"] == [closed, curves, hidden]
+    # A chart is less than half of a screen, a figure as wide as the page.
+    assert seen["height"] <= 340
+    assert seen["figure"] == pytest.approx(seen["main"], abs=1)
+
+
+def test_a_figure_of_lines_is_dark_on_a_dark_page(browser: Browser, page: Path, tmp_path: Path) -> None:
+    alone = "document.body.replaceChildren(document.querySelector('figure'));"
+    text = page.read_text(encoding="utf-8").replace("</body>", f"<script>{alone}</script></body>")
+    copy = page.with_name("alone.html")
+    copy.write_text(text, encoding="utf-8")
+    try:
+        light = browser.brightness(copy, tmp_path / "light.png", "--blink-settings=preferredColorScheme=1")
+        dark = browser.brightness(copy, tmp_path / "dark.png", "--blink-settings=preferredColorScheme=0")
+    finally:
+        copy.unlink()
+    assert light > 200
+    assert dark < 70

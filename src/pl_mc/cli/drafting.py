@@ -5,37 +5,52 @@ from __future__ import annotations
 import sys
 from pathlib import Path
 
-from pl_mc.cli.printing import Draws, Flag, Json, Quiet, Seed, Texts, Which, overrides, print_json
+from pl_mc.cli.printing import Draws, Flag, Json, Named, Quiet, Seed, Texts, Which, overrides, print_json
 from pl_mc.input_errors import InputError, system_reason
 from pl_mc.runtime.kept_programs import keep_programs
 
 
 def list_experiments(*, json: Json = False, quiet: Quiet = False) -> None:
-    """List the experiments that come with the package.
+    """List the experiments that come with the package, and what they need that does not.
 
     Examples: `pl-mc list`; `pl-mc list --json`
 
     Parameters
     ----------
     json
-        Print names, kinds and titles as JSON.
+        Print names, kinds, titles and needs as JSON.
     quiet
         Print the names alone.
     """
-    from pl_mc.experiments.source_files import experiment_files, read_source
+    from pl_mc.experiments.source_files import experiment_files, needs_of, read_source
     from pl_mc.studies.registry import in_todays_words
 
     # As they are written: those of the package are sound.
     contents = {name: in_todays_words(read_source(name).content) for name in experiment_files()}
+    needs = {name: needs_of(one) for name, one in contents.items()}
     if json:
-        print_json([{"name": name} | {key: one[key] for key in ("kind", "title")} for name, one in contents.items()])
+        fields = ("kind", "title")
+        print_json([{"name": name} | {key: one[key] for key in fields} | {"needs": needs[name]}
+                    for name, one in contents.items()])  # fmt: skip
         return
-    width = max(map(len, contents), default=0)
-    for name, one in contents.items():
-        print(name if quiet else f"{name.ljust(width)}  {one['title']}")
+    if quiet:
+        print("\n".join(contents))
+        return
+    told = {name: _needed(**one) for name, one in needs.items()}
+    rows = [("name", "needs", "title"), *((name, told[name], one["title"]) for name, one in contents.items())]
+    widths = [max(len(row[k]) for row in rows) for k in range(2)]
+    for name, needed, title in rows:
+        print(f"{name.ljust(widths[0])}  {needed.ljust(widths[1])}  {title}")
+    print("\nFiles are looked for in the folder that PL_MC_DATA names; pip install 'pl_mc[maps]' adds an extra.")
 
 
-def init(which: str = "sweep", /, *, out: Path | None = None) -> None:
+def _needed(files: list[str], extras: list[str]) -> str:
+    """``2 files``, ``extra maps``; a dash for nothing."""
+    counted = [f"{len(files)} file{'s' * (len(files) > 1)}"] if files else []
+    return ", ".join([*counted, *(f"extra {extra}" for extra in extras)]) or "-"
+
+
+def init(which: Named = "sweep", /, *, out: Path | None = None) -> None:
     """Write an experiment file to begin with: every field with its meaning, unit, rule and default.
 
     Examples:

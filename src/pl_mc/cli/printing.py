@@ -8,10 +8,12 @@ from __future__ import annotations
 import json as json_text
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any
+from typing import TYPE_CHECKING, Annotated, Any, Literal
 
 from cyclopts import Parameter
 
+from pl_mc.alert import AXES
+from pl_mc.experiments.source_files import experiment_files
 from pl_mc.input_errors import InputError, shown
 
 if TYPE_CHECKING:
@@ -25,12 +27,39 @@ Flag = Annotated[bool, Parameter(negative="")]
 Several = Parameter(negative="")
 Texts = Annotated[tuple[str, ...], Several]
 Progress = Annotated[bool | None, Parameter(help="Show a progress bar; unless given, only on a terminal.")]
+
+# Names of methods and error models, which are registered in packages that take seconds to load.
+METHOD_NAMES = (
+    "ls", "igg3", "igg3_gated", "araim", "separated", "ibpl", "slope", "max_dop", "parity", "w_test", "leave_one_out",
+    "range_comparison", "nioraim", "sbas", "huber", "tukey", "hampel", "danish", "l1", "mm",
+)  # fmt: skip
+ERROR_MODEL_NAMES = ("residual", "none", "uire", "constant", "dual_frequency", "by_elevation")
+
+if TYPE_CHECKING:
+    Shipped = str
+    MethodWord = str
+    AxisWord = str
+    PrecisionWord = str
+    ErrorModelWord = str
+    IonosphereWord = str
+else:
+    # Words for which shells offer these; what else may stand there is checked where it is used.
+    Shipped = Literal[tuple(experiment_files()) or ("ramp",)] | str
+    MethodWord, ErrorModelWord = Literal[METHOD_NAMES] | str, Literal[ERROR_MODEL_NAMES] | str
+    AxisWord, PrecisionWord = Literal[AXES] | str, Literal["float64", "float32"] | str
+    IonosphereWord = Literal["broadcast", "none", "dual"] | str
+
 Which = Annotated[
-    str,
+    Shipped,
     Parameter(
-        help="A name that `pl-mc list` shows, the path of a TOML file, or the `manifest.json` of an earlier run."
+        help="A name that `pl-mc list` shows, the path of a TOML file, or the `manifest.json` of an earlier run.",
+        show_choices=False,
     ),
 ]
+Named = Annotated[Shipped, Parameter(show_choices=False)]
+Axes = Annotated[tuple[AxisWord, ...], Parameter(negative="", show_choices=False)]
+Methods = Annotated[tuple[MethodWord, ...], Parameter(negative="", show_choices=False)]
+Precisions = Annotated[tuple[PrecisionWord, ...], Parameter(negative="", show_choices=False)]
 
 
 def _whole(kind: object, tokens: Any) -> int:

@@ -25,7 +25,7 @@ from pl_mc.methods.registry import METHODS
 from pl_mc.noise_models.registry import NOISE_MODELS
 from pl_mc.report.assumed import Assumed, Condition
 from pl_mc.report.columns import LITERATURE
-from pl_mc.report.run_folder import flat_fields, value_text
+from pl_mc.report.run_folder import flat_fields, number_text, value_text
 from pl_mc.studies.file_fields import without_folders
 from pl_mc.studies.spec import Experiment, NamedChoice
 from pl_mc.time_ramps.timing import SEQUENTIAL
@@ -247,7 +247,7 @@ def _text(value: Any) -> str:
         return ", ".join(map(_text, value)) or "none"
     if dataclasses.is_dataclass(value):
         return str(getattr(value, "name", value))
-    return f"{value:.12g}" if isinstance(value, float) else value_text(value)
+    return number_text(value, 12) if isinstance(value, float) else value_text(value)
 
 
 def _default(cls: Any, option: str) -> Any:

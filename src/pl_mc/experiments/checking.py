@@ -28,6 +28,7 @@ from pl_mc.input_errors import InputError
 from pl_mc.kernels.noise import LANES
 from pl_mc.methods import Method, as_methods, method
 from pl_mc.noise_models import noise_model
+from pl_mc.runtime.progress import duration_text
 from pl_mc.runtime.threads import cores
 from pl_mc.studies.fault_fields import fields_of
 from pl_mc.studies.planned_sweep import PlannedSweep
@@ -54,8 +55,8 @@ SCENARIOS_PER_CORE_S = {
 }
 SINGLE_PRECISION_GAIN = 1.25
 
-# Start, figures and tables; and the compilation of one method.
-START_S, COMPILE_S = 5.0, 4.0
+# Processor time of start, figures and tables; of one method whose compiled program is kept; and of compiling it first.
+START_S, PROGRAM_S, COMPILE_S = 4.0, 0.5, 3.0
 
 # Peak of a sweep of 1e6 scenarios; of 1e8 it was 674 MB.
 BASE_MEMORY_MB = 620.0
@@ -96,7 +97,7 @@ class Cost:
         """The cost in a sentence or two."""
         number = "" if self.scenarios is None else f"{self.scenarios:,} scenarios over all methods, "
         memory = f"about {self.memory_mb / 1000:.1f} GB of memory"
-        return f"{number}about {_duration(self.seconds)}, {memory}. Estimated {self.source}."
+        return f"{number}about {duration_text(self.seconds)}, {memory}. Estimated {self.source}."
 
 
 @dataclass(frozen=True)
@@ -331,8 +332,8 @@ def cost_of(experiment: Experiment, *, measure: bool = False) -> Cost:
         return _cost_of_sweeps(experiment, study.sweeps(experiment), beside, measure=measure)
     work = study.work(experiment)
     # These rates are of two cores; what does not run in threads gains nothing from more of them.
-    source = _because(_STORED, work.remark)
-    return Cost(work.scenarios, START_S + COMPILE_S + work.seconds, BASE_MEMORY_MB, source)
+    source = _because(_STORED, _first(1), work.remark)
+    return Cost(work.scenarios, START_S + PROGRAM_S + work.seconds, BASE_MEMORY_MB, source)
 
 
 def _cost_of_sweeps(experiment: Experiment, planned: Sequence[Any], beside: Work, *, measure: bool) -> Cost:
@@ -357,8 +358,9 @@ def _cost_of_sweeps(experiment: Experiment, planned: Sequence[Any], beside: Work
     rate = SCENARIOS_PER_CORE_S | dict.fromkeys(strange, min(SCENARIOS_PER_CORE_S.values()))
     work = sum(number * sum(1.0 / rate[base] for base in names) for number, names in zip(cases, bases, strict=True))
     taken = f"{', '.join(strange)} taken as fast as the slowest known" if strange else ""
-    seconds = START_S + COMPILE_S * sum(map(len, own)) + work / gain / cores() + beside.seconds
-    return Cost(scenarios, seconds, memory, _because(_STORED, taken, beside.remark))
+    programs = sum(map(len, own))
+    seconds = START_S + PROGRAM_S * programs + work / gain / cores() + beside.seconds
+    return Cost(scenarios, seconds, memory, _because(_STORED, _first(programs), taken, beside.remark))
 
 
 def _measured(experiment: Experiment, planned: PlannedSweep) -> tuple[float, float]:
@@ -385,11 +387,10 @@ def _bytes(g: Geometry, faults: Faults) -> int:
     return sum(array.nbytes for array in arrays) + 8 * len(series) * len(faults)
 
 
+def _first(programs: int) -> str:
+    """What compiling costs beside; each of ``programs`` is kept for the next run."""
+    return f"the first run compiles and takes about {duration_text(COMPILE_S * programs)} more"
+
+
 def _because(*remarks: str) -> str:
     return "; ".join(filter(None, remarks))
-
-
-def _duration(seconds: float) -> str:
-    if seconds < 90:
-        return f"{max(1, round(seconds))} s"
-    return f"{seconds / 60:.0f} min" if seconds < 5400 else f"{seconds / 3600:.1f} h"

@@ -190,7 +190,7 @@ def comparison_page(first: RunFolder, second: RunFolder, found: Comparison) -> s
     charts: list[dict[str, Any]] = []
     if document is not None:
         tables = combined_tables(first, second, found.names)
-        limits = {"val_m": document.val_m, "hal_m": document.hal_m}
+        limits: dict[str, Any] = {"val_m": document.val_m, "hal_m": document.hal_m}
         charts = charts_within_limit(charts_of(document.tables, tables, **limits))
     title, fields = f"fields that differ: {len(found.fields)}", found.fields.to_numpy()
     return render(

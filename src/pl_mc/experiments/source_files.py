@@ -11,7 +11,7 @@ from typing import Any
 
 from pl_mc.input_errors import InputError, nearest, shown
 from pl_mc.runtime.small_files import parsed, parsed_json, read_text
-from pl_mc.studies.registry import PACKAGED_FOLDERS
+from pl_mc.studies.registry import EXTRAS, PACKAGED_FOLDERS
 
 
 def experiment_files() -> dict[str, Path]:
@@ -59,6 +59,17 @@ def read_source(which: str) -> ExperimentSource:
     name = folder_name(manifest.get("name"), source=str(path))
     drawn = {"figures": manifest["figures"]} if "figures" in manifest else {}
     return ExperimentSource(name, path, "", {**experiment_of(manifest), **drawn})
+
+
+def needs_of(content: Mapping[str, Any]) -> dict[str, list[str]]:
+    """What an experiment needs that does not come with the package: files by name, and extras to install."""
+    from pl_mc.studies.file_fields import read_files
+
+    named = read_files(dict(content))
+    files = [name for name in named if not any((folder / name).is_file() for folder in PACKAGED_FOLDERS)]
+    extras = [*EXTRAS.get(str(content.get("kind")), ())]
+    extras += ["ubx"] * any(name.lower().endswith(".ubx") for name in named)
+    return {"files": files, "extras": extras}
 
 
 def experiment_of(manifest: Mapping[str, Any]) -> Mapping[str, Any]:

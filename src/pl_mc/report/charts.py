@@ -11,7 +11,8 @@ import pandas as pd
 
 from pl_mc.alert import EITHER, VERTICAL
 from pl_mc.input_errors import InputError
-from pl_mc.report.document import Chart, TableEntry
+from pl_mc.report.columns import LITERATURE
+from pl_mc.report.document import Chart, Quantity, TableEntry
 from pl_mc.report.figures import method_label
 
 # Points of one chart; beyond them it would weigh more than the rest of the page.
@@ -33,6 +34,7 @@ def charts_of(
     *,
     val_m: float | None = None,
     hal_m: float | None = None,
+    short: Mapping[str, str] | None = None,
 ) -> list[dict[str, Any]]:
     """The charts of a run, ready for JSON; see ``html/chart.js`` for what it does with them.
 
@@ -40,18 +42,23 @@ def charts_of(
         entries: tables and what of them is drawn.
         tables: the tables by name.
         val_m, hal_m: alert limits, drawn where a quantity is a level of their axis [m].
+        short: short names of methods by whole ones.
 
     Raises:
         InputError: a table without a column that its chart names, or with words in one of numbers.
     """
     drawn = ((entry.name, entry.chart) for entry in entries if entry.name in tables)
     limits = {"vpl": ("VAL", val_m), "hpl": ("HAL", hal_m)}
-    made = (chart_data(name, chart, tables[name], limits) for name, chart in drawn if chart is not None)
+    made = (chart_data(name, chart, tables[name], limits, short) for name, chart in drawn if chart is not None)
     return [chart for chart in made if chart is not None]
 
 
 def chart_data(
-    name: str, chart: Chart, table: pd.DataFrame, limits: Mapping[str, tuple[str, float | None]]
+    name: str,
+    chart: Chart,
+    table: pd.DataFrame,
+    limits: Mapping[str, tuple[str, float | None]],
+    short: Mapping[str, str] | None = None,
 ) -> dict[str, Any] | None:
     """The data of one chart; None where no curves can be drawn.
 
@@ -83,7 +90,9 @@ def chart_data(
     # Curves that are of both levels are called by neither.
     both = any(quantity.value.startswith("hpl") for quantity in quantities) or "axis" in menus
     axis = EITHER if both else str(table["axis"].iloc[0]) if "axis" in table else VERTICAL
-    curves = table[list(chart.curves)].astype(str).agg(", ".join, axis=1).map(lambda name: method_label(name, axis))
+    short = {} if short is None else short
+    parts = table[list(chart.curves)].astype(str).replace({"method": short} if "method" in chart.curves else {})
+    curves = parts.agg(", ".join, axis=1).map(lambda name: method_label(name, axis))
     names = list(dict.fromkeys(curves))
     choices = [list(dict.fromkeys(table[menu].dropna().astype(str))) for menu in menus]
     fullest = table.groupby(menus, sort=False)[chart.x].nunique().idxmax() if menus else ()
@@ -112,7 +121,7 @@ def chart_data(
             for menu, values, first in zip(menus, choices, begin, strict=True)
         ],
         "quantities": [
-            {"label": quantity.label, "rate": quantity.is_rate}
+            {"label": _in_words(quantity), "rate": quantity.is_rate}
             | ({} if quantity.is_rate else {"bounds": quantity.bounds})
             | _limit(quantity.value, limits)
             for quantity in quantities
@@ -121,6 +130,12 @@ def chart_data(
         **({} if chart.gap is None else {"gap": chart.gap}),
         "rows": [list(row) for row in zip(*cells, strict=True)],
     }
+
+
+def _in_words(quantity: Quantity) -> str:
+    """What is drawn, with what the literature calls it."""
+    short, name = LITERATURE.get(quantity.label, ("", ""))
+    return f"{name} ({short})" if short else quantity.label
 
 
 def _limit(column: str, limits: Mapping[str, tuple[str, float | None]]) -> dict[str, Any]:

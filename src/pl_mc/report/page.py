@@ -25,8 +25,11 @@ from markupsafe import Markup
 from pl_mc.input_errors import InputError, system_reason
 from pl_mc.report.assumed import ASSUMED, Assumed
 from pl_mc.report.charts import charts_of
-from pl_mc.report.document import Block, FigureEntry, Heading, Paragraph
-from pl_mc.report.run_folder import RunFolder, flat_fields, value_text
+from pl_mc.report.columns import column_meaning
+from pl_mc.report.document import Block, FigureEntry, Heading, Paragraph, TextTable
+from pl_mc.report.run_folder import RunFolder, flat_fields, number_text, value_text
+from pl_mc.report.short_names import hidden_options, methods_in, options_of
+from pl_mc.runtime.progress import duration_text
 from pl_mc.runtime.typed_command import without_home
 from pl_mc.runtime.whole_files import write_whole
 
@@ -45,8 +48,14 @@ MOST_ROWS = 400
 MOST_CELLS = 30_000
 _OPEN_ROWS = 14
 
+# Of a picture that is so much reduced, a part with a saturation beyond which it is coloured, both of 255.
+_REDUCED, _COLOURED, _MOST_COLOURED = (120, 120), 90, 34.0
+
 # Files of a figure by their ending, and what they are.
 _PICTURES = {".png": "image/png", ".svg": "image/svg+xml"}
+
+# Words of a figure that would be wrong where light and dark change places.
+_SHADES = re.compile(r"\b(?:white|black|grey|gray|dark|darker|light|lighter|bright|brighter)\b", re.IGNORECASE)
 
 # What texts of a document may mark: code, and words that are strong. All else in them is text.
 _INLINE = MarkdownIt("zero", {"html": False}).enable(["backticks", "emphasis"])
@@ -54,15 +63,16 @@ _INLINE = MarkdownIt("zero", {"html": False}).enable(["backticks", "emphasis"])
 
 @dataclass(frozen=True)
 class PageColumn:
-    """Heading of a column, whether it sorts by number, and its cells' style."""
+    """Heading of a column, whether it sorts by number, what it means, and its cells' style."""
 
     label: str
     number: bool = False
+    about: str = ""
 
     @property
     def css(self) -> str:
         """Style of its cells."""
-        return "number" if self.number else "wide" if self.label in ("meaning", "value") else ""
+        return "number" if self.number else "wide" if self.label in ("meaning", "value", "options") else ""
 
 
 @dataclass(frozen=True)
@@ -87,6 +97,7 @@ class PageFigure:
         files: its files beside the page.
         data: the picture as a data address; empty where there is no room for it.
         size: width and height on the screen [CSS pixels], unless unknown.
+        as_it_is: whether its words name shades or areas of it have colours, which a dark page must not turn round.
     """
 
     caption: str
@@ -94,6 +105,7 @@ class PageFigure:
     files: tuple[str, ...]
     data: str
     size: tuple[int, int] | None
+    as_it_is: bool = False
 
 
 def write_page(run: RunFolder, *, assumed: Assumed | None = None, shown_as: Path | None = None) -> None:
@@ -118,7 +130,9 @@ def page_of_run(run: RunFolder, *, assumed: Assumed | None = None, shown_as: Pat
     """The page as text."""
     document = run.document
     assert document is not None
-    charts = charts_within_limit(charts_of(document.tables, run.tables, val_m=document.val_m, hal_m=document.hal_m))
+    short = methods_in(run.tables.values())
+    limits: dict[str, Any] = {"val_m": document.val_m, "hal_m": document.hal_m}
+    charts = charts_within_limit(charts_of(document.tables, run.tables, short=short, **limits))
     # What has been taken out of the folder is left out.
     shown = [entry.name for entry in document.tables if entry.name in run.tables]
     content: dict[str, Any] = {
@@ -129,6 +143,8 @@ def page_of_run(run: RunFolder, *, assumed: Assumed | None = None, shown_as: Pat
         "setting": _unbroken(_setting(document.summary)),
         "answer": [_unbroken(sentence) for sentence in document.answer],
         "charts": charts,
+        "summary": [_with_short_names(block, short) for block in document.summary],
+        "methods": methods_table(short),
         "tables": page_tables({name: run.tables[name] for name in shown}),
         "lead": () if assumed is None else assumed.lead,
         "fields": fields_table(run.experiment) if assumed is None else conditions_table(assumed),
@@ -188,7 +204,7 @@ def page_table(table: pd.DataFrame, *, name: str, rows: int = MOST_ROWS) -> Page
     numbers = table.select_dtypes("number").columns
     return PageTable(
         title=f"{name}: {len(table):,} rows",
-        columns=tuple(PageColumn(str(label), label in numbers) for label in table.columns),
+        columns=tuple(PageColumn(str(name), name in numbers, column_meaning(str(name))) for name in table.columns),
         rows=tuple(tuple(map(_cell, row)) for row in table.head(rows).itertuples(index=False)),
         note=f"The first {rows:,} of {len(table):,} rows; all of them:" if rows < len(table) else "All rows:",
         file=f"{name}.csv",
@@ -215,6 +231,20 @@ def conditions_table(assumed: Assumed) -> PageTable:
     return replace(text_table(title, ("about", "field", "value", "meaning"), rows), open=len(rows) <= MOST_ROWS)
 
 
+def methods_table(short: Mapping[str, str]) -> PageTable | None:
+    """The options of methods that charts and the summary call by short names; none where there are none."""
+    rows = [(called, *options_of(whole)) for called, whole in hidden_options(short)]
+    named = [(called, base, ", ".join(options)) for called, base, options in rows]
+    return text_table("methods by their short names", ("here", "method", "options"), named) if named else None
+
+
+def _with_short_names(block: Block, short: Mapping[str, str]) -> Block:
+    """A table of the summary with short names in the cells that hold the name of a method alone."""
+    if not isinstance(block, TextTable):
+        return block
+    return replace(block, rows=tuple(tuple(short.get(cell, cell) for cell in row) for row in block.rows))
+
+
 def page_figures(folder: Path, entries: Sequence[FigureEntry], *, most_bytes: int) -> list[PageFigure]:
     """The figures, all of them together within ``most_bytes`` characters of data.
 
@@ -239,7 +269,8 @@ def page_figures(folder: Path, entries: Sequence[FigureEntry], *, most_bytes: in
         data = address if len(address) <= left else ""
         left -= len(data)
         names = tuple(path.name for path in files[entry])
-        made.append(PageFigure(entry.caption, entry.alt, names, data, _size(files[entry][0])))
+        shades = bool(_SHADES.search(f"{entry.caption} {entry.alt}")) or _is_coloured(files[entry][0])
+        made.append(PageFigure(entry.caption, entry.alt, names, data, _size(files[entry][0]), shades))
     return made
 
 
@@ -256,6 +287,18 @@ def _is_picture(path: Path) -> bool:
             return image.format == "PNG" and image.width * image.height <= _MOST_PIXELS
     except (OSError, ValueError, SyntaxError, Image.DecompressionBombError):
         return False
+
+
+def _is_coloured(path: Path) -> bool:
+    """Whether areas of a picture have colours, as those of maps do, and not lines alone."""
+    from PIL import Image, ImageStat
+
+    if path.suffix != ".png":
+        return False
+    with Image.open(path) as image:
+        # Reduced by averages, so that lines fade.
+        saturation = image.convert("RGB").resize(_REDUCED, Image.Resampling.BOX).convert("HSV").getchannel("S")
+    return float(ImageStat.Stat(saturation.point(lambda level: 255 * (level > _COLOURED))).mean[0]) > _MOST_COLOURED
 
 
 def _asset(name: str) -> str:
@@ -289,14 +332,14 @@ def _unbroken(text: str) -> str:
 def _duration(seconds: Any) -> str:
     if isinstance(seconds, bool) or not isinstance(seconds, int | float) or not 0 <= seconds < 1e12:
         return "an unknown time"
-    return f"{seconds:.1f} s" if seconds < 120 else f"{seconds / 60:.1f} min"
+    return f"{seconds:.1f} s" if seconds < 90 else duration_text(seconds)
 
 
 def _cell(value: Any) -> str:
-    """A value with six digits; nothing for nothing."""
+    """A value with six digits in the one form of numbers; nothing for nothing."""
     if value is None or (isinstance(value, float) and math.isnan(value)):
         return ""
-    return f"{value:.6g}" if isinstance(value, float) else str(value)
+    return number_text(value) if isinstance(value, int | float) and not isinstance(value, bool) else str(value)
 
 
 def _address(data: bytes, kind: str) -> str:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import io
+import math
 import re
 import shlex
 from collections.abc import Iterator, Mapping
@@ -10,6 +11,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
+import numpy as np
 import pandas as pd
 
 from pl_mc.input_errors import InputError, nearest, shown, system_reason
@@ -266,9 +268,22 @@ def value_text(value: Any) -> str:
         return ", ".join(value_text(one) for one in value) or "none"
     if isinstance(value, Mapping):
         return ", ".join(f"{key} = {value_text(one)}" for key, one in value.items()) or "none"
-    if isinstance(value, int) and abs(value) >= 10_000:
-        return f"{value:,}"
-    return f"{value:g}" if isinstance(value, float) else str(value)
+    return number_text(value) if isinstance(value, int | float) else str(value)
+
+
+def number_text(value: float, digits: int = 6) -> str:
+    """A number as pages tell it: 10,000, 0.25, 1e-7; below a thousandth and from a million on with a power of ten."""
+    if isinstance(value, int | np.integer):
+        return f"{value:,}" if abs(value) >= 10_000 else str(value)
+    if not math.isfinite(value):
+        return str(value)
+    size = abs(value)
+    if value and not 1e-3 <= size < 1e6:
+        shown = f"{value:.{digits - 1}e}"
+        figures, power = shown.split("e")
+        figures = figures.rstrip("0").rstrip(".") if "." in figures else figures
+        return f"{figures}e{int(power)}"
+    return f"{value:.{digits}g}"
 
 
 def _table(file: Path) -> pd.DataFrame:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+import re
 from collections.abc import Callable, Iterable, Sequence
 from typing import Any, TypeVar
 
@@ -67,7 +68,7 @@ def percent(rate: float) -> str:
     """A rate in per cent: three significant digits, of the complement where that is small."""
     value = 100.0 * rate
     if 0 < value < 0.001:
-        return f"{value:.2e}"
+        return _plain_power(f"{value:.2e}")
     if 99.5 < value < 100.0:
         # As many decimals as show two digits of what is missing to 100.
         return f"{value:.{1 - math.floor(math.log10(100.0 - value))}f}"
@@ -78,7 +79,12 @@ def probability_text(value: float) -> str:
     """A probability: three significant digits, of the complement where that is small."""
     if 0.995 < value < 1.0:
         return f"{value:.{1 - math.floor(math.log10(1.0 - value))}f}"
-    return f"{value:.3g}"
+    return _plain_power(f"{value:.3g}")
+
+
+def _plain_power(number: str) -> str:
+    """``1.27e-4``, as tables and charts have it, for Python's ``1.27e-04``."""
+    return re.sub(r"e([+-])0*(?=\d)", lambda power: f"e{power[1].strip('+')}", number)
 
 
 def metres(value: float) -> str:

@@ -38,7 +38,6 @@ def progress_bar(
         Task,
         TextColumn,
         TimeElapsedColumn,
-        TimeRemainingColumn,
     )
     from rich.text import Text
 
@@ -48,13 +47,29 @@ def progress_bar(
         def render(self, task: Task) -> Text:
             return Text(rate_text(None if task.speed is None else each * task.speed, unit))
 
+    class Left(ProgressColumn):
+        """The time that is left, once it is known."""
+
+        max_refresh = 0.5
+
+        def render(self, task: Task) -> Text:
+            return Text("" if task.time_remaining is None else f"{duration_text(task.time_remaining)} left")
+
     columns = (
-        TextColumn("{task.description}"), BarColumn(), MofNCompleteColumn(), Rate(), TimeElapsedColumn(),
-        TextColumn("left"), TimeRemainingColumn(),
+        TextColumn("{task.description}"), BarColumn(), MofNCompleteColumn(), Rate(), TimeElapsedColumn(), Left(),
     )  # fmt: skip
     with Progress(*columns, console=Console(stderr=True), transient=True) as bar:
         task = bar.add_task(what, total=total)
         yield lambda: bar.advance(task)
+
+
+def duration_text(seconds: float) -> str:
+    """A length of time in the unit that people would take: seconds, minutes, hours or days."""
+    for size, below, unit, form in ((1, 90, "s", ".0f"), (60, 90, "min", ".2g"), (3600, 48, "h", ".1f")):
+        if seconds < below * size:
+            return f"{max(1.0 if unit == 's' else 0.0, seconds / size):{form}} {unit}"
+    days = seconds / 86_400
+    return f"{days:.1f} days" if days < 100 else f"{days:,.0f} days"
 
 
 def rate_text(rate: float | None, unit: str) -> str:

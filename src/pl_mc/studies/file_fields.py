@@ -26,6 +26,20 @@ def named_files(content: Any, within: str = "") -> dict[str, Path]:
     return found
 
 
+def read_files(content: Any, field: str = "") -> list[str]:
+    """Names of all files that the fields of an experiment name, each once."""
+    if isinstance(content, dict):
+        found = [name for key, value in content.items() for name in read_files(value, str(key))]
+    elif isinstance(content, list | tuple):
+        found = [name for value in content for name in read_files(value, field)]
+    else:
+        # A true position may stand in the place of a track.
+        text = str(content) if isinstance(content, str | Path) else ""
+        is_one = (field in _FILES and re.search(r"\.[A-Za-z]", text)) or _is_model(field, text)
+        found = [text] if is_one else []
+    return list(dict.fromkeys(found))
+
+
 def without_folders(content: Any, field: str = "") -> Any:
     """The fields of an experiment with the names of files alone in the place of their paths."""
     if isinstance(content, dict):

@@ -36,6 +36,9 @@ PACKAGED_FOLDERS = (Path(__file__).parents[1] / "experiments" / "files", Path(__
 # What experiments of kinds that have become an option of another one say today.
 FORMER = {"map": {"kind": "sweep", "view": "map"}, "satellite-ramps": {"kind": "sweep", "view": "satellites"}}
 
+# Extras of the package that make the results of a kind whole.
+EXTRAS = {"service": ("maps",)}
+
 # What a title says of faults in place of the file's, and how many it names.
 _INSTEAD, _MOST_IN_TITLE = "; faults instead: ", 3
 

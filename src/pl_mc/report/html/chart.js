@@ -23,7 +23,9 @@
   };
   const digits = (value) => {
     if (value === 0) return "0";
-    return Math.abs(value) < 1e-3 || Math.abs(value) >= 1e6 ? value.toExponential(2) : String(+value.toPrecision(3));
+    // The form of the tables: 1e-7, not 1.00e-7.
+    return Math.abs(value) < 1e-3 || Math.abs(value) >= 1e6
+      ? (+value.toPrecision(3)).toExponential().replace("e+", "e") : String(+value.toPrecision(3));
   };
   const share = (value) => `${digits(100 * value)} %`;
   const grouped = (value) => value.toLocaleString("en-GB");
@@ -121,7 +123,7 @@
     function draw() {
       canvas.querySelector("svg")?.remove();
       const quantity = data.quantities[state.quantity], all = rows();
-      const width = Math.max(280, canvas.clientWidth || 640), height = Math.round(Math.min(400, Math.max(250, width * .55)));
+      const width = Math.max(280, canvas.clientWidth || 640), height = Math.round(Math.min(340, Math.max(250, width * .45)));
       const box = {left: 58, right: width - 12, top: 28, bottom: height - 40};
       const words = `${quantity.label} against the ${data.x}, one curve for each of: ${data.curves.join("; ")}`;
       const svg = make(canvas, "svg", {
@@ -149,7 +151,7 @@
         bottom = 10 ** lowest;
         py = (y) => box.bottom - (Math.log10(Math.max(y, bottom)) - lowest) / span * (box.bottom - box.top);
         marks = Array.from({length: span + 1}, (_, k) => lowest + k).filter((k) => (k - lowest) % every === 0).map((k) => 10 ** k);
-        label = (y) => quantity.rate ? y.toExponential(0).replace("e+0", "") : digits(y);
+        label = (y) => quantity.rate ? y.toExponential(0).replace("e+0", "").replace("e+", "e") : digits(y);
       } else {
         py = (y) => box.bottom - y / top * (box.bottom - box.top);
         marks = ticks(0, top, height / 60);
@@ -232,6 +234,20 @@
       });
     }
     draw();
+    // On paper nothing can be pressed: every curve is there, and what was hidden is hidden again.
+    let before = null;
+    addEventListener("beforeprint", () => {
+      before ??= state.shown;
+      state.shown = before.map(() => true);
+      buttons.forEach((button) => button.setAttribute("aria-pressed", true));
+      draw();
+    });
+    addEventListener("afterprint", () => {
+      state.shown = before ?? state.shown;
+      before = null;
+      buttons.forEach((button, k) => button.setAttribute("aria-pressed", state.shown[k]));
+      draw();
+    });
     let drawnAt = canvas.clientWidth;
     // In the next frame: a size must not change while sizes are being told.
     new ResizeObserver(() => requestAnimationFrame(() => {

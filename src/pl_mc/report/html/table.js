@@ -7,7 +7,7 @@ for (const table of document.querySelectorAll("table.sortable")) {
     const button = document.createElement("button");
     button.type = "button";
     button.append(...heading.childNodes);
-    button.title = "sort by this column";
+    button.title = heading.title ? `${heading.title}; press to sort` : "sort by this column";
     heading.append(button);
     button.addEventListener("click", () => {
       const up = heading.getAttribute("aria-sort") !== "ascending";
@@ -27,3 +27,9 @@ for (const table of document.querySelectorAll("table.sortable")) {
     });
   });
 }
+// Closed tables are on paper too; what was closed is closed again.
+const opened = [];
+addEventListener("beforeprint", () => {
+  for (const box of document.querySelectorAll("details:not([open])")) { box.open = true; opened.push(box); }
+});
+addEventListener("afterprint", () => { for (const box of opened.splice(0)) box.open = false; });

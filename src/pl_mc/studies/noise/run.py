@@ -50,7 +50,7 @@ _BESIDE_GAUSSIAN = (
 )
 _CHARTS = {
     "rates": Chart("Rates of events against the bias", ("method",), event_quantities(), ("noise",)),
-    "factors": Chart("Rate and gaussian against the bias", ("method",), _BESIDE_GAUSSIAN, ("event", "noise")),
+    "factors": Chart("Rates beside those of Gaussian errors", ("method",), _BESIDE_GAUSSIAN, ("event", "noise")),
 }
 
 
