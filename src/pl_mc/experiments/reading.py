@@ -58,6 +58,15 @@ def remake_page(folder: Path) -> RunResult:
     return RunResult(folder=folder, summary=run.summary, notes=notes, answer=document.answer, page=PAGE)
 
 
+def document_of_run(run: RunFolder) -> Document:
+    """What a run has to say: what it stored of it, or what its tables and summary give.
+
+    Raises:
+        InputError: as `remake_page`.
+    """
+    return _document(run)[0]
+
+
 def _document(run: RunFolder) -> tuple[Document, dict[str, str]]:
     """What a run has to say, and what the fields of its experiment mean."""
     try:
@@ -85,7 +94,7 @@ def tex_of(folder: Path, place: Path) -> str:
             raise InputError(f"--tex: {place}: the name of a .tex file in a folder that is there is needed.")
         if place.parent.resolve() == folder.resolve():
             raise InputError(f"--tex: {place}: it would be a foreign file in a results folder; name another folder.")
-        return to_latex(_document(read_run_folder(folder))[0])
+        return to_latex(document_of_run(read_run_folder(folder)))
     except OSError as error:
         raise InputError(f"--tex: {shown(str(place))}: it cannot be written ({system_reason(error)}).") from None
 
