@@ -8,6 +8,8 @@ from __future__ import annotations
 import logging
 import os
 import re
+import sys
+from pathlib import Path
 from typing import Any
 
 from docutils import nodes
@@ -15,6 +17,9 @@ from docutils.utils.math.latex2mathml import tex2mathml
 from jupyter_client import KernelManager
 
 import pl_mc
+
+sys.path.insert(0, str(Path(__file__).parent))
+import gallery
 
 project = "pl_mc"
 author = "The pl_mc authors"
@@ -113,8 +118,14 @@ def _names(app: Any, what: str, name: str, obj: Any, options: Any, signature: st
     return tuple(text and re.sub(r"TypeAliasForwardRef\('(\w+)'\)", r"\1", text) for text in (signature, returns))
 
 
+def _gallery(app: Any, page: str, source: list[str]) -> None:
+    if page == "gallery":
+        source[0] += "\n" + gallery.entries()
+
+
 def setup(app: Any) -> dict[str, bool]:
     """Register the drawing of formulas and the reading of docstrings."""
+    app.connect("source-read", _gallery)
     app.connect("autodoc-process-docstring", _bars)
     # Before napoleon.
     app.connect("autodoc-process-docstring", _returned, priority=100)

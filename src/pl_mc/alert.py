@@ -50,6 +50,11 @@ class AlertLimits:
         name: the operation.
         vertical_m: vertical alert limit, VAL [m]; None for an operation without one.
         horizontal_m: horizontal alert limit, HAL [m]; None for an operation without one.
+
+    Example:
+        >>> import pl_mc
+        >>> pl_mc.AlertLimits("mine", vertical_m=20.0)
+        AlertLimits(name='mine', vertical_m=20.0, horizontal_m=None)
     """
 
     name: str

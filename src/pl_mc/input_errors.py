@@ -28,6 +28,14 @@ class InputError(ValueError):
 
     Whatever a sentence quotes, it stays on its line and within a screen: a line that ends in no full stop goes on in
     the next, and the middle of a long one is left out.
+
+    Example:
+        >>> import pl_mc
+        >>> try:
+        ...     pl_mc.simulate(site="CUT1", epochs=1)
+        ... except pl_mc.InputError as said:
+        ...     print(str(said).split(" (")[0])
+        site: 'CUT1' is unknown
     """
 
     def __init__(self, message: str) -> None:

@@ -45,6 +45,15 @@ def test_the_site_builds_strictly_and_stands_alone(tmp_path: Path) -> None:
         assert drawn, notebook.name
         assert all((site / name).stat().st_size > 5_000 for name in drawn)
         assert "What was learned" in text
+    # Every experiment that comes along has its place in the gallery, with its command, its run and what that drew.
+    experiments = sorted(path.stem for path in (ROOT / "experiments").glob("*.toml"))
+    gallery = dict(re.findall(r'<section id="([\w-]+)">\n<h2>(.*?)</section>', _text(site / "gallery.html"), re.DOTALL))
+    assert sorted(gallery) == experiments
+    for name, entry in gallery.items():
+        assert f"pl-mc run {name} makes it again" in re.sub(r"<[^>]+>", "", entry)
+        assert re.search(r'href="_downloads/\w+/summary\.md"', entry), name
+        assert entry.count("<li>") >= 2, name
+        assert ("<img" in entry) == any((ROOT / "results" / name).glob("*.png")), name
     assert "<math" in (site / "theory.html").read_text(encoding="utf-8")
     assert "misleading_rate" in (site / "reference" / "statistics.html").read_text(encoding="utf-8")
 
@@ -74,3 +83,7 @@ def test_the_notebook_on_honesty_takes_files(
     assert without in source
     exec(compile(source.replace(without, with_files), path.name, "exec"), {"__name__": "notebook"})
     assert "with the overbound: mean level" in capsys.readouterr().out
+
+
+def _text(path: Path) -> str:
+    return path.read_text(encoding="utf-8")

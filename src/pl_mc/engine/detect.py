@@ -84,6 +84,17 @@ def detect(
     Raises:
         InputError: bad options, faults of another geometry, or a single epoch at which one of the tests is not
             defined; the others can then be asked for without it.
+
+    Example:
+        >>> import pl_mc
+        >>> g = pl_mc.simulate(site="CUT0", constellations="GPS", epochs=1)[0]
+        >>> fault = pl_mc.biases(g, "G08:+20m")
+        >>> options = {"draws": 200, "calibration_draws": 200, "seed": 7, "progress": False}
+        >>> table = pl_mc.detect(g, fault, tests="chi2", **options)
+        >>> table[["test", "level", "draws", "detections"]]
+           test       level  draws  detections
+        0  chi2     nominal    200         200
+        1  chi2  equal_p_fa    200         200
     """
     require_inputs(g, faults, LPV_200, drawn=True)
     options = checked_options(tests, p_fa, seed, precision, workers, progress)

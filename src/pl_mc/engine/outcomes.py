@@ -62,6 +62,15 @@ def sample(
         One row per epoch, fault, method and draw: ``epoch, fault, bias_m, method, draw, east_m, north_m, up_m,
         hpl_m, vpl_m, available, alarm, unconverged, tied``. Numbers are missing where a method is not available.
         Where a method says which satellite it has excluded there is a column ``excluded`` too, empty for none.
+
+    Example:
+        >>> import pl_mc
+        >>> g = pl_mc.simulate(site="CUT0", constellations="GPS", epochs=1)[0]
+        >>> table = pl_mc.sample(g, pl_mc.no_fault(g), draws=2, seed=7, methods="ls")
+        >>> table[["method", "draw", "up_m", "vpl_m", "alarm"]].round(2)
+          method  draw  up_m  vpl_m  alarm
+        0     ls     0  0.96   5.11  False
+        1     ls     1  2.05   6.88  False
     """
     alert = require_inputs(g, faults, alert, any_axis=True, drawn=True)
     axis = as_axis(axis, alert)
@@ -121,6 +130,14 @@ def solve(
         One row per epoch and method: ``epoch, time_gps_s, method, satellites, east_m, north_m, up_m, hpl_m, vpl_m,
         available, alarm, unconverged, tied``. Numbers are missing where a method is not available; ``unconverged``
         and ``tied`` are those of `pl_mc.kernels.events`; ``excluded`` is that of `pl_mc.sample`.
+
+    Example:
+        >>> import pl_mc
+        >>> g = pl_mc.simulate(site="CUT0", constellations="GPS", epochs=1)[0]
+        >>> table = pl_mc.solve(g, 0.1 * g.sigma_m, methods="ls")
+        >>> table[["method", "satellites", "up_m", "vpl_m", "alarm"]].round(2)
+          method  satellites  up_m  vpl_m  alarm
+        0     ls           8  0.12   0.09  False
     """
     alert = require_geometry_and_alert(g, alert, any_axis=True)
     axis = as_axis(axis, alert)

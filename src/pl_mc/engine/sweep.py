@@ -79,6 +79,16 @@ def sweep(
 
     Raises:
         InputError: bad options, faults of another geometry, or a folder that cannot be used.
+
+    Example:
+        >>> import pl_mc
+        >>> g = pl_mc.simulate(site="CUT0", constellations="GPS", epochs=1)[0]
+        >>> faults = pl_mc.no_fault(g) + pl_mc.biases(g, "G08:+20m")
+        >>> table = pl_mc.sweep(g, faults, draws=200, seed=7, methods="ls", progress=False)
+        >>> table[["method", "fault", "draws", "alarms", "hazards", "missed"]]
+          method     fault  draws  alarms  hazards  missed
+        0     ls      none    200       0        0       0
+        1     ls  G08:+20m    200     199        0       0
     """
     require_truth(resume, field="resume")
     if folder is None and (resume or shard is not None):

@@ -49,6 +49,13 @@ def error_model(name: str = DEFAULT_ERROR_MODEL, *, ism: Any = None, **options: 
     Raises:
         InputError: an unknown name or option, with the nearest valid ones, or a figure out of range; an ISM that
             cannot be used.
+
+    Example:
+        >>> import pl_mc
+        >>> model = pl_mc.error_model("constant", gps_m2=4.0)
+        >>> g = pl_mc.simulate(site="CUT0", constellations="GPS", epochs=1, error_model=model)
+        >>> g[0].sigma_m
+        array([2., 2., 2., 2., 2., 2., 2., 2.])
     """
     if is_model_file(name):
         return model_in_file(name, "error_model", error_model, **({} if ism is None else {"ism": ism}), **options)

@@ -59,6 +59,15 @@ def remake_page(folder: Path) -> RunResult:
     return RunResult(folder=folder, summary=run.summary, notes=notes, answer=document.answer, page=PAGE)
 
 
+def document_of_run(run: RunFolder) -> Document:
+    """What a run has to say: what it stored of it, or what its tables and summary give.
+
+    Raises:
+        InputError: as `remake_page`.
+    """
+    return _document(run)[0]
+
+
 def _document(run: RunFolder) -> tuple[Document, Assumed | None]:
     """What a run has to say, and what its experiment assumes; nothing of that where this version cannot tell."""
     try:
@@ -81,7 +90,7 @@ def tex_of(folder: Path, place: Path) -> str:
         InputError: as `remake_page` and `require_place`.
     """
     require_place("--tex", place, ".tex", folder)
-    return to_latex(_document(read_run_folder(folder))[0])
+    return to_latex(document_of_run(read_run_folder(folder)))
 
 
 def require_place(option: str, place: Path, suffix: str, folder: Path) -> None:

@@ -24,7 +24,14 @@ _EVERY = re.compile(r"\s*(each|pairs)\b\s*([^:]*?)\s*:(.*)")
 
 
 def no_fault(g: Geometry) -> Faults:
-    """The fault-free case."""
+    """The fault-free case.
+
+    Example:
+        >>> import pl_mc
+        >>> g = pl_mc.simulate(site="CUT0", constellations="GPS", epochs=1)[0]
+        >>> pl_mc.no_fault(g).labels
+        ('none',)
+    """
     return Faults.from_array(g, np.zeros((1, len(require_geometry(g).names))))
 
 
@@ -55,6 +62,12 @@ def biases(g: Geometry, bias_m: Mapping[str, float | tuple[Any, ...]] | str | Se
     Raises:
         InputError: text of another form, a satellite that is not in view or named twice, a size that is no number, a
             window outside the series, a ramp without a series of epochs.
+
+    Example:
+        >>> import pl_mc
+        >>> g = pl_mc.simulate(site="CUT0", constellations="GPS", epochs=1)[0]
+        >>> pl_mc.biases(g, "G08:+20m,G01:-10m").labels
+        ('G08:+20m,G01:-10m',)
     """
     require_geometry(g)
     if isinstance(bias_m, str):
@@ -203,6 +216,12 @@ def pairs(g: Geometry, first_m: float, second_m: float | None = None) -> Faults:
         g: the geometry.
         first_m: bias of the first satellite of each pair, in the order of ``g.names`` [m].
         second_m: bias of the second one; that of the first unless given [m].
+
+    Example:
+        >>> import pl_mc
+        >>> g = pl_mc.simulate(site="CUT0", constellations="GPS", epochs=1)[0]
+        >>> len(pl_mc.pairs(g, 30.0)), pl_mc.pairs(g, 30.0, -10.0).labels[0]
+        (28, 'G01:+30m,G03:-10m')
     """
     n = len(require_geometry(g).names)
     if n < 2:
@@ -221,13 +240,26 @@ def ramp(g: Geometry, *, satellite: str, start_m: float, stop_m: float, step_m: 
         g: the geometry.
         satellite: name of the faulted satellite.
         start_m, stop_m, step_m: first bias, last bias and step [m].
+
+    Example:
+        >>> import pl_mc
+        >>> g = pl_mc.simulate(site="CUT0", constellations="GPS", epochs=1)[0]
+        >>> pl_mc.ramp(g, satellite="G08", start_m=5, stop_m=15, step_m=5).labels
+        ('G08:+5m', 'G08:+10m', 'G08:+15m')
     """
     return ramps(g, satellites=[satellite], start_m=start_m, stop_m=stop_m, step_m=step_m)
 
 
 @ordinary_arithmetic
 def ramps(g: Geometry, *, satellites: Sequence[str], start_m: float, stop_m: float, step_m: float) -> Faults:
-    """The same ramp on each of several satellites, one at a time, satellite by satellite."""
+    """The same ramp on each of several satellites, one at a time, satellite by satellite.
+
+    Example:
+        >>> import pl_mc
+        >>> g = pl_mc.simulate(site="CUT0", constellations="GPS", epochs=1)[0]
+        >>> pl_mc.ramps(g, satellites=("G08", "G01"), start_m=5, stop_m=10, step_m=5).labels
+        ('G08:+5m', 'G08:+10m', 'G01:+5m', 'G01:+10m')
+    """
     if isinstance(satellites, str) or not isinstance(satellites, Sequence):
         raise InputError(f"satellites: a sequence of names is needed, not {shown(satellites)}.")
     require_geometry(g)

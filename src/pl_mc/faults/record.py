@@ -27,6 +27,13 @@ class Faults:
         names: the m satellites, as in `Geometry.names`; for a single epoch these are its n rows.
         labels: f labels, ``G02:+30m,C11:-20m``; ``none`` where nothing is biased.
         shaped: by the number of such a fault its biases, each with the GPS time of its first epoch [s].
+
+    Example:
+        >>> import pl_mc
+        >>> g = pl_mc.simulate(site="CUT0", constellations="GPS", epochs=1)[0]
+        >>> faults = pl_mc.no_fault(g) + pl_mc.biases(g, "G08:+20m")
+        >>> faults.labels, faults.bias_m.shape
+        (('none', 'G08:+20m'), (2, 8))
     """
 
     bias_m: NDArray[np.float64]

@@ -59,6 +59,11 @@ class Geometry:
         systems: RINEX letter of each satellite of ``names``.
         clocks: RINEX letters of each clock column; several letters ("GC") where systems share a clock.
         notes: sentences about what the file behind the geometry lacks.
+
+    Example:
+        >>> import pl_mc
+        >>> pl_mc.simulate(site="CUT0", epochs=1)[0]
+        Geometry(epoch 0, 16 satellites: GPS, BeiDou)
     """
 
     design: NDArray[np.float64]
@@ -111,16 +116,10 @@ class Geometry:
         if rank < t:
             raise InputError(f"design: its {t} columns depend on each other (rank {rank}); no position follows.")
         return cls(
-            design=design,
-            sigma_m=sigma,
-            in_view=np.ones(n, dtype=bool),
-            satellite=np.arange(n, dtype=np.int32),
-            epoch=np.asarray(0),
-            time_gps_s=np.asarray(np.nan),
-            names=names,
-            systems=systems,
+            design=design, sigma_m=sigma, in_view=np.ones(n, dtype=bool), satellite=np.arange(n, dtype=np.int32),
+            epoch=np.asarray(0), time_gps_s=np.asarray(np.nan), names=names, systems=systems,
             clocks=_clock_letters(design, systems),
-        )
+        )  # fmt: skip
 
     @classmethod
     @ordinary_arithmetic

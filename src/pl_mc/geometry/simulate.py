@@ -76,6 +76,11 @@ def simulate(
 
     Raises:
         InputError: an option that cannot be used, or no satellite in view at any epoch.
+
+    Example:
+        >>> import pl_mc
+        >>> pl_mc.simulate(site="CUT0", start="2017-11-21", epochs=3, interval_s=60.0)
+        Geometry(3 epochs, 16 satellites at once, 16 in all: GPS, BeiDou)
     """
     first_gps_s = gps_seconds(start)
     wanted, off = (

@@ -18,6 +18,11 @@ class Igg3(MEstimator):
 
     Attributes:
         k0, k1: standardised residuals where the weight begins to fall and where it reaches zero.
+
+    Example:
+        >>> import pl_mc
+        >>> pl_mc.igg3(k1=4.0).name
+        'igg3(k1=4)'
     """
 
     k0: float = 1.5

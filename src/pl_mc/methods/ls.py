@@ -22,6 +22,11 @@ class Ls(Estimator):
             ``floored``, max(1, that), which the residuals of a few satellites cannot make small by chance; ``apriori``,
             1, the model's own sigma.
         k_horizontal, k_vertical: multipliers of the protection levels.
+
+    Example:
+        >>> import pl_mc
+        >>> pl_mc.ls(level_scale="apriori").name
+        'ls(level_scale=apriori)'
     """
 
     key = "ls"

@@ -55,6 +55,14 @@ class Empirical(OneNumber):
             `pl_mc.receiver.ReceiverSeries.residuals` makes it.
         epochs_together: epochs one after the other that share their passes; 1 draws every epoch apart.
         digest: of the content of the file, found when the record is made.
+
+    Example:
+        >>> import pl_mc
+        >>> try:
+        ...     pl_mc.empirical("residuals.csv")
+        ... except pl_mc.InputError as said:
+        ...     print(said)
+        empirical: file: residuals.csv: there is no such file.
     """
 
     base_name = "empirical"

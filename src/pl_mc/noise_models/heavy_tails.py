@@ -42,6 +42,11 @@ class StudentT(OneNumber):
         match: what sigma stands for: ``sigma``, the standard deviation of the errors; or ``core``, half the width
             of the central 68.27 %, as if it had been read off the errors that are usual.
         of_sigma: by what all errors are multiplied, sigma in truth over the one that is believed; 1 unless given.
+
+    Example:
+        >>> import pl_mc
+        >>> pl_mc.student_t(nu=5.0).name
+        'student_t(nu=5,match=sigma)'
     """
 
     base_name = "student_t"
@@ -102,6 +107,11 @@ class GaussianMixture(OneNumber):
         variance: ``inflated``, the core has the satellite's sigma, so that the standard deviation of all errors is
             more; or ``kept``, the standard deviation is sigma, the core narrower.
         of_sigma: by what all errors are multiplied, as for `StudentT`.
+
+    Example:
+        >>> import pl_mc
+        >>> pl_mc.gaussian_mixture(chance=0.1, scale=3.0).name
+        'gaussian_mixture(chance=0.1,scale=3,variance=inflated)'
     """
 
     base_name = "gaussian_mixture"

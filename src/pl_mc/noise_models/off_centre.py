@@ -42,6 +42,11 @@ class Multipath(OneNumber):
         law: ``exponential`` or ``uniform``.
         decay_deg: elevation over which the probability falls to 1/e, chance exp(-elevation / decay) [deg]; the same
             for all satellites unless given.
+
+    Example:
+        >>> import pl_mc
+        >>> pl_mc.multipath(chance=0.05, size=3.0).name
+        'multipath(chance=0.05,size=3,unit=m,law=exponential)'
     """
 
     base_name = "multipath"
@@ -98,6 +103,11 @@ class NominalBias(OneNumber):
             biases of these sizes can do to its vertical error); ``down``, all the other way; ``random``, each
             satellite's own in every draw (at most three sigma); ``given``, as ``bias_m`` has it, the same in every
             draw. The first three take sizes that are not negative.
+
+    Example:
+        >>> import pl_mc
+        >>> pl_mc.nominal_bias(0.75).name
+        'nominal_bias(bias_m=0.75,sign=up)'
     """
 
     base_name = "nominal_bias"

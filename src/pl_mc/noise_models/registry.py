@@ -32,6 +32,11 @@ def noise_model(name: str, **options: Any) -> NoiseModel:
     """A noise model by name with its options; an `InputError` names what is unknown and the nearest choice.
 
     A TOML file, such as `pl_mc.fit_overbound` writes, serves as a name as well.
+
+    Example:
+        >>> import pl_mc
+        >>> pl_mc.noise_model("student_t", nu=5.0) == pl_mc.student_t(nu=5.0)
+        True
     """
     if is_model_file(name):
         return model_in_file(name, "noise", noise_model, **options)

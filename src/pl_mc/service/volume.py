@@ -150,6 +150,14 @@ def service_volume(
 
     Raises:
         InputError: an option that cannot be used.
+
+    Example:
+        >>> import pl_mc
+        >>> options = {"step_deg": 90.0, "step_s": 43200.0, "draws": 4, "progress": False}
+        >>> volume = pl_mc.service_volume(constellations="GPS", methods="ls", **options)
+        >>> volume.world[["method", "operation", "sites", "scenarios"]]
+          method operation  sites  scenarios
+        0     ls   LPV-200      8         64
     """
     if folder is None and resume:
         raise InputError("folder: to resume a service volume, a folder for the parts is needed.")

@@ -80,6 +80,14 @@ def ls_rates(
 
     Raises:
         InputError: faults of another geometry, an unknown alarm, a factor or probability outside its range.
+
+    Example:
+        >>> import pl_mc
+        >>> g = pl_mc.simulate(site="CUT0", constellations="GPS", epochs=1)[0]
+        >>> table = pl_mc.exact.ls_rates(g, pl_mc.biases(g, "G08:+20m"))
+        >>> table[["fault", "alarm_rate"]].round(3)
+              fault  alarm_rate
+        0  G08:+20m       0.996
     """
     return _ls_rates(
         g, faults, alert=alert, axis=axis, k_vertical=k_vertical, k_horizontal=k_horizontal, alarm=alarm, p_fa=p_fa

@@ -44,6 +44,14 @@ def reliability(g: Geometry, p_fa: float = 1e-3, power: float = 0.8) -> pd.DataF
 
     Raises:
         InputError: a probability outside (0, 1), or a power that is not above ``p_fa``.
+
+    Example:
+        >>> import pl_mc
+        >>> g = pl_mc.simulate(site="CUT0", constellations="GPS", epochs=1)[0]
+        >>> pl_mc.reliability(g).head(2).round(2)
+          name  redundancy  mdb_m  vertical_effect_m  slope
+        0  G01        0.55   5.60               2.01   0.49
+        1  G03        0.65   7.64               3.03   0.73
     """
     shift = noncentral_shift(p_fa, power)
     series = require_geometry(g).as_series()

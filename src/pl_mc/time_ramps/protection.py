@@ -102,6 +102,15 @@ def sequential_levels(
 
     Raises:
         InputError: what cannot be used.
+
+    Example:
+        >>> import pl_mc
+        >>> g = pl_mc.simulate(site="CUT0", constellations="GPS", epochs=20, interval_s=30.0)
+        >>> table = pl_mc.sequential_levels(g, "G08", 0.05, smoothing_s=90.0)
+        >>> table[["method", "rate_m_per_s", "vpl_mean_m"]].round(1)
+                method  rate_m_per_s  vpl_mean_m
+        0     snapshot           0.0        25.1
+        1  filter_bank           0.0        19.7
     """
     alert = require_geometry_and_alert(g_series, alert)
     rows = rows_by_satellite(g_series)

@@ -125,6 +125,15 @@ def time_to_alert(
 
     Raises:
         InputError: what cannot be used.
+
+    Example:
+        >>> import pl_mc
+        >>> g = pl_mc.simulate(site="CUT0", constellations="GPS", epochs=20, interval_s=30.0)
+        >>> options = {"draws": 50, "calibration_draws": 1000, "progress": False}
+        >>> table = pl_mc.time_to_alert(g, "G08", 0.2, methods="ls", **options)
+        >>> table[["method", "rate_m_per_s", "passes", "detected"]]
+          method  rate_m_per_s  passes  detected
+        0     ls           0.2      50        50
     """
     alert = require_geometry_and_alert(g_series, alert, any_axis=True)
     judged = as_axis(axis, alert)

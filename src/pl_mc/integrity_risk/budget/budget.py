@@ -163,6 +163,16 @@ def risk_budget(
 
     Raises:
         InputError: a series, unknown names or options, probabilities outside their range.
+
+    Example:
+        >>> import pl_mc
+        >>> g = pl_mc.simulate(site="CUT0", constellations="GPS", epochs=1)[0]
+        >>> table = pl_mc.risk_budget(g, method="ls", event="misleading")
+        >>> table[["mode", "failed", "fault", "prior", "found"]].iloc[:3]
+                 mode failed fault    prior  found
+        0  fault_free               0.99982  exact
+        1   satellite    G01  none  0.00001  exact
+        2   satellite    G03  none  0.00001  exact
     """
     alert = require_geometry_and_alert(g, alert, any_axis=True)
     judged = as_axis(axis, alert)

@@ -112,6 +112,18 @@ def continuity(
 
     Raises:
         InputError: what cannot be used.
+
+    Example:
+        >>> import pl_mc
+        >>> g = pl_mc.simulate(site="CUT0", constellations="GPS", epochs=1)[0]
+        >>> rates = {"r_sat_per_h": 1e-5, "mfd_sat_h": 1.0, "r_const_per_h": 1e-8, "mfd_const_h": 1.0}
+        >>> araim = pl_mc.methods.method("araim", standard="v4.2", budget="LPV-200 v4.2", ism=rates)
+        >>> table = pl_mc.continuity(g, araim, sizes_m=20.0, draws=1024, rare_draws=1024)
+        >>> table[["fault", "prior", "allocation"]].iloc[[0, 1, -1]]
+            fault         prior  allocation
+        0    none  1.000000e+00    0.000004
+        1     G01  4.166667e-07         NaN
+        10  total           NaN    0.000080
     """
     alert = require_geometry_and_alert(g, alert, any_axis=True)
     require_single(g, "continuity")

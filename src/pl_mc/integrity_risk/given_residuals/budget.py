@@ -46,6 +46,11 @@ class RiskBudget:
         b_nom_m: largest nominal bias of every satellite [m]. All of them stand at it, with the signs that move the
             error most, once along every component of it.
         p_hmi: the risk of both axes together.
+
+    Example:
+        >>> import pl_mc
+        >>> pl_mc.RiskBudget(target=1e-8, p_sat=1e-6)
+        RiskBudget(target=1e-08, p_sat=1e-06, p_const=0.0, b_nom_m=0.0, p_hmi=1.0000000000000001e-07)
     """
 
     target: float | None = None

@@ -58,6 +58,14 @@ def level_risk(
 
     Raises:
         InputError: options outside their range, a geometry without redundancy.
+
+    Example:
+        >>> import pl_mc
+        >>> g = pl_mc.simulate(site="CUT0", constellations="GPS", epochs=1)[0]
+        >>> table = pl_mc.level_risk(g, method=pl_mc.ls(level_scale="floored"), draws=1024)
+        >>> table[["axis", "worst_fault", "kept"]]
+               axis  worst_fault   kept
+        0  vertical  G22:+6.183m  False
     """
     alert, level, chosen, budget, seed, draws = checked(g, method, budget, alert, axis, confidence, draws, seed)
     rows = []

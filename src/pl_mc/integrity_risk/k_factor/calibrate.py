@@ -139,6 +139,14 @@ def calibrate(
     Raises:
         InputError: a budget beside what it says, a method without a multiplier, options outside their range, faults of
             another geometry, a pooled multiplier whose target is too rare to count.
+
+    Example:
+        >>> import pl_mc
+        >>> g = pl_mc.simulate(site="CUT0", constellations="GPS", epochs=1)[0]
+        >>> table = pl_mc.calibrate(g, method="ls", target=1e-7)
+        >>> table[["method", "event", "found", "k_vertical"]].round(2)
+          method     event  found  k_vertical
+        0     ls  exceeded  exact       87.99
     """
     if budget is not None:
         given = {"target": target, "faults": faults, "event": event, "pooled": pooled, "estimator": estimator}

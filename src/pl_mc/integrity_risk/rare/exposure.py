@@ -101,6 +101,16 @@ def exposure(
     Raises:
         InputError: a series of epochs, options outside their range, or a duration that is no multiple of the
             interval.
+
+    Example:
+        >>> import pl_mc
+        >>> g = pl_mc.simulate(site="CUT0", constellations="GPS", epochs=1)[0]
+        >>> options = {"tau_s": 30.0, "duration_s": 10.0, "draws": 20, "seed": 7, "progress": False}
+        >>> table = pl_mc.exposure(g, pl_mc.biases(g, "G08:+20m"), methods="ls", **options)
+        >>> table[["event", "exposures", "exposures_with"]].head(2)
+            event  exposures  exposures_with
+        0   alarm         20              20
+        1  hazard         20               0
     """
     alert = require_inputs(g, faults, alert, any_axis=True)
     judged = as_axis(axis, alert)

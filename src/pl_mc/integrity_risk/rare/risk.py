@@ -148,6 +148,15 @@ def risk(
 
     Raises:
         InputError: bad options, an axis without a limit, or faults of another geometry.
+
+    Example:
+        >>> import pl_mc
+        >>> g = pl_mc.simulate(site="CUT0", constellations="GPS", epochs=1)[0]
+        >>> fault = pl_mc.biases(g, "G08:+10m")
+        >>> table = pl_mc.risk(g, fault, event="misleading", method="ls", seed=7, target_cov=0.3, progress=False)
+        >>> exact = pl_mc.exact.ls_rates(g, fault).misleading_rate[0]
+        >>> bool(table.low[0] < exact < table.high[0])
+        True
     """
     alert = require_inputs(g, faults, alert, any_axis=True)
     judged = as_axis(axis, alert)

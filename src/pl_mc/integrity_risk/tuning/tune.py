@@ -134,6 +134,17 @@ def tune(
     Raises:
         InputError: a series of epochs, an epoch without redundancy, a method that is not IGG-III, options outside
             their range.
+
+    Example:
+        >>> import pl_mc
+        >>> g = pl_mc.simulate(site="CUT0", constellations="GPS", epochs=1)[0]
+        >>> robust, few = pl_mc.igg3(iterations=2), {"draws": 1024, "search_draws": 1024, "grid": 2, "steps": 1}
+        >>> table = pl_mc.tune(g, method=robust, parameters=["k0"], target=0.05, max_evaluations=500_000, **few)
+        >>> table[["limits", "k1"]]
+          limits   k1
+        0  start  5.0
+        1  tuned  5.0
+        2   grid  5.0
     """
     alert = require_geometry_and_alert(g, alert, any_axis=True)
     decides = as_axis(axis, alert)

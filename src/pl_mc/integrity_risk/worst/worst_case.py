@@ -135,6 +135,15 @@ def worst_case(
 
     Raises:
         InputError: unknown names, options outside their range, ``chi2`` for a method without an exact law.
+
+    Example:
+        >>> import pl_mc
+        >>> g = pl_mc.simulate(site="CUT0", constellations="GPS", epochs=1)[0]
+        >>> table = pl_mc.worst_case(g, method="ls", event="misleading")
+        >>> table[["fault", "bias_m", "probability"]].head(2).round(3)
+                       fault  bias_m  probability
+        0  G22:+4.859127942m   4.859        0.106
+        1  G20:+2.467385682m   2.467        0.007
     """
     alert = require_geometry_and_alert(g, alert, any_axis=True)
     judged = as_axis(axis, alert)
