@@ -63,8 +63,8 @@ def test_a_run_leaves_tables_figures_summary_and_manifest(folder: Path, capsys: 
     results = folder / "runs" / "small"
     files = {path.name for path in results.iterdir()}
     assert files == {
-        "exact.csv", "levels.csv", "manifest.json", "rates.csv", "rates.png", "rates.svg", "report.html",
-        "report.json", "summary.md",
+        "assumptions.md", "exact.csv", "levels.csv", "manifest.json", "rates.csv", "rates.png", "rates.svg",
+        "report.html", "report.json", "summary.md",
     }  # fmt: skip
     rates = pd.read_csv(results / "rates.csv")
     assert list(rates.method.unique()) == ["ls", "igg3"]
@@ -107,7 +107,7 @@ def test_an_earlier_result_is_replaced(folder: Path, capsys: pytest.CaptureFixtu
 
 
 def test_the_packaged_experiments_are_listed_and_sound(capsys: pytest.CaptureFixture[str]) -> None:
-    main(["list"])
+    main(["list", "--quiet"])
     lines = capsys.readouterr().out.splitlines()
     assert any(line.split()[0] == "ramp" for line in lines)
     # Listing builds every record, so each file is valid.

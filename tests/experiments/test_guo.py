@@ -70,6 +70,7 @@ def test_files(small: Path) -> None:
         "summary.md",
         "manifest.json",
         "report.html",
+        "assumptions.md",
         "report.json",
     }
     assert {path.name for path in small.iterdir()} == wanted

@@ -68,7 +68,7 @@ def test_files_are_named_after_the_paper(small: Path) -> None:
     figures = ("fig1_satellites", "fig3_errors_ls", "fig4_errors_robust", "fig5_vpl")
     wanted = {f"{name}.{ending}" for name in figures for ending in ("png", "svg")}
     wanted |= {"epochs.parquet", "faults.csv", "redraws.csv", "table1.csv", "table1.md"}
-    wanted |= {"summary.md", "manifest.json", "report.html", "report.json"}
+    wanted |= {"assumptions.md", "summary.md", "manifest.json", "report.html", "report.json"}
     assert {path.name for path in small.iterdir()} == wanted
 
 
