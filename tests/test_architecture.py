@@ -16,7 +16,7 @@ PACKAGE = "pl_mc"
 
 # From what knows nothing of the others to what knows all; packages of one line do not know each other.
 LAYERS = (
-    ("arrays", "constants", "input_errors"),
+    ("arrays", "constants", "deprecated", "input_errors"),
     ("alert", "named"),
     ("runtime",),
     ("ism",),

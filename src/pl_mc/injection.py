@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -11,7 +11,9 @@ from numpy.typing import NDArray
 from scipy import special
 
 from pl_mc.arrays import FloatArray, ordinary_arithmetic
-from pl_mc.faults import Bias, Faults, require_faults
+from pl_mc.deprecated import MOVED, moved_names, warn
+from pl_mc.faults import Bias, Faults, parse_fault, require_faults
+from pl_mc.faults import biases as one_fault
 from pl_mc.faults.bias import FIXED, NORMAL, UNIFORM
 from pl_mc.geometry.record import Geometry, require_geometry
 from pl_mc.input_errors import InputError, require_numbers
@@ -115,7 +117,10 @@ def drawn_m(rows: Any, numbers: Any, normal_cdf: Callable[[Any], Any]) -> Any:
 
 @ordinary_arithmetic
 def inject(
-    g: Geometry, errors_m: NDArray[np.float64], faults: Faults, numbers: NDArray[np.float64] | None = None
+    g: Geometry,
+    errors_m: NDArray[np.float64],
+    faults: Faults | Sequence[Bias],
+    numbers: NDArray[np.float64] | None = None,
 ) -> tuple[NDArray[np.float64], NDArray[np.bool_], tuple[str, ...]]:
     """Add faults to the errors of a series, all of them together.
 
@@ -136,7 +141,11 @@ def inject(
     errors = require_numbers(errors_m, field="errors_m")
     if errors.shape != require_geometry(g).sigma_m.shape or not g.is_series:
         raise InputError(f"errors_m: a series and errors of its shape are needed, not {errors.shape}.")
-    require_faults(faults).require_geometry(g)
+    if isinstance(faults, list | tuple) and all(isinstance(one, Bias) for one in faults):
+        warn("inject of a list", MOVED["pl_mc.injection.parse_injection"])
+        faults = one_fault(g, faults)
+    faults = require_faults(faults)
+    faults.require_geometry(g)
     if numbers is None:
         faults.require_sizes("this")
     faulted = np.zeros(len(g), dtype=bool)
@@ -162,3 +171,17 @@ def _biased(g: Geometry, faults: Faults, k: int) -> NDArray[np.bool_]:
     if k in faults.shaped:
         return np.any([bias.rows(g).any(axis=1) for bias, _ in faults.shaped[k]], axis=0)
     return ((faults.bias_m[k][g.satellite] != 0) & g.in_view).any(axis=1)
+
+
+def _injection(satellite: str, bias_m: float, first_epoch: int | None = None, last_epoch: int | None = None) -> Bias:
+    """What `Injection` was."""
+    return Bias(of=(satellite,), numbers=(bias_m,), first_epoch=first_epoch, last_epoch=last_epoch)
+
+
+def _parse_injection(text: str) -> Bias:
+    """The one bias of a text, as `parse_injection` gave it."""
+    (one,) = parse_fault(text)
+    return one
+
+
+__getattr__ = moved_names(__name__)

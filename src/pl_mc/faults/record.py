@@ -161,7 +161,7 @@ def require_satellite(g: Geometry, name: str) -> int:
     return g.names.index(name)
 
 
-def require_faults(faults: Faults) -> Faults:
+def require_faults(faults: object) -> Faults:
     """``faults`` if they are `Faults`; else an `InputError`."""
     if not isinstance(faults, Faults):
         kind = faults.__name__ if isinstance(faults, type) else type(faults).__name__

@@ -1,0 +1,67 @@
+"""Names of earlier versions: all work, warn with today's name where they are used, and are in the upgrade notes."""
+
+from __future__ import annotations
+
+import importlib
+import sys
+from pathlib import Path
+from types import ModuleType
+from typing import Any
+
+import numpy as np
+import pytest
+
+import pl_mc
+from pl_mc import injection
+from pl_mc.deprecated import MOVED
+
+NOTES = (Path(__file__).parents[1] / "docs" / "upgrading.md").read_text(encoding="utf-8")
+
+
+def found(name: str) -> Any:
+    """A module, or what is inside one, imported anew."""
+    if name in MOVED:
+        sys.modules.pop(name, None)
+    place, _, inside = name.rpartition(".")
+    try:
+        return importlib.import_module(name)
+    except ModuleNotFoundError:
+        return getattr(importlib.import_module(place), inside)
+
+
+@pytest.mark.parametrize("old", MOVED)
+def test_an_old_name_warns_where_it_is_used_and_is_what_it_was(old: str) -> None:
+    row = MOVED[old]
+    with pytest.warns(DeprecationWarning, match=rf"{old} is {row.instead} since .*; {row.gone_with} will not") as said:
+        value = found(old)
+    assert [one.filename for one in said] == [__file__]
+    today = found(row.found)
+    names = value.__all__ if isinstance(value, ModuleType) else []
+    assert all(getattr(value, name) is getattr(today, name) for name in names)
+    assert names or value is today
+    assert found(row.instead) is not None
+    # Not yet gone.
+    numbers = [[int(part) for part in version.split(".")] for version in (pl_mc.__version__, row.gone_with)]
+    assert numbers == sorted(numbers)
+    assert numbers[0] != numbers[1]
+    assert f"`{old}`" in NOTES
+
+
+def test_what_was_written_for_0_1_0_still_injects() -> None:
+    g = pl_mc.simulate(site="CUT0", constellations="GPS", epochs=3)
+    errors_m = np.zeros(g.sigma_m.shape)
+    with pytest.warns(DeprecationWarning, match="0.4.0 will not"):
+        biases = [injection.parse_injection("G08:+30m:1-2"), injection.Injection("G01", -5.0)]
+    with pytest.warns(DeprecationWarning, match=r"inject of a list is pl_mc\.biases"):
+        old = injection.inject(g, errors_m, biases)
+    new = injection.inject(g, errors_m, pl_mc.biases(g, "G08:+30m:1-2,G01:-5m"))
+    assert np.array_equal(old[0], new[0])
+    assert np.array_equal(old[1], new[1])
+    assert old[2] == new[2] == ()
+
+
+def test_no_name_that_was_never_there_is_found() -> None:
+    with pytest.raises(AttributeError, match="parse_injections"):
+        _ = injection.parse_injections  # type: ignore[attr-defined]
+    with pytest.raises(ModuleNotFoundError):
+        importlib.import_module("pl_mc.engine.event")
