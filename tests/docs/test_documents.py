@@ -117,6 +117,18 @@ def test_every_test_that_the_theory_names_exists() -> None:
     assert named <= set(re.findall(r"def (test_\w+)", sources))
 
 
+def test_how_exact_a_check_is_stands_in_it() -> None:
+    section = (DOCS / "theory.md").read_text(encoding="utf-8").split("## How exact the checks are")[1].split("\n## ")[0]
+    sources = "\n".join(path.read_text(encoding="utf-8") for path in (ROOT / "tests").rglob("test_*.py"))
+    bodies: dict[str, str] = {}
+    for name, body in re.findall(r"^def (test_\w+)\((.*?)(?=^def |^@|\Z)", sources, re.MULTILINE | re.DOTALL):
+        bodies[name] = bodies.get(name, "") + body
+    rows = re.findall(r"\| ([\d.e-]+) \| `(test_\w+)` \|$", section, re.MULTILINE)
+    assert len(rows) > 25
+    for tolerance, name in rows:
+        assert re.search(rf"(?<![\d.]){re.escape(tolerance)}\b", bodies[name]), (name, tolerance)
+
+
 def test_every_method_is_in_the_theory_and_the_reference() -> None:
     theory = (DOCS / "theory.md").read_text(encoding="utf-8")
     reference = (DOCS / "reference" / "methods.md").read_text(encoding="utf-8")
