@@ -15,8 +15,6 @@ __version__ = "0.2.0"
 
 # Before anybody forks.
 importlib.import_module("pl_mc.runtime.forks")
-# Before anybody asks for a name of an earlier version.
-importlib.import_module("pl_mc.deprecated")
 
 _LINES = ast.parse(Path(__file__).with_suffix(".pyi").read_text(encoding="utf-8")).body
 

@@ -1,7 +1,7 @@
 """Public names of earlier versions that have others today: they warn, and do what they did for two minor versions.
 
-One table holds all of them. Those of modules are found by an importer that comes after all others, those inside of a
-module by the module's own ``__getattr__``, which is `moved_names` of its name.
+One table holds all of them. They are found by the ``__getattr__`` of the module in which they were, which is
+`moved_names` of its name.
 """
 
 from __future__ import annotations
@@ -9,10 +9,7 @@ from __future__ import annotations
 import importlib
 import sys
 import warnings
-from collections.abc import Callable, Sequence
-from importlib.abc import Loader, MetaPathFinder
-from importlib.machinery import ModuleSpec
-from types import ModuleType
+from collections.abc import Callable
 from typing import Any, NamedTuple
 
 
@@ -45,33 +42,17 @@ def warn(old: str, row: Moved) -> None:
 
 
 def moved_names(module: str) -> Callable[[str], Any]:
-    """``__getattr__`` of a module that some names have left."""
+    """``__getattr__`` of a module that some names have left, or all of them."""
 
     def find(name: str) -> Any:
-        row = MOVED.get(f"{module}.{name}")
-        if row is None:
+        inner = f"{module}.{name}"
+        old = inner if inner in MOVED else module
+        if old not in MOVED or name.startswith("__"):
             raise AttributeError(f"module {module!r} has no attribute {name!r}")
-        warn(f"{module}.{name}", row)
-        place, _, inside = row.found.rpartition(".")
-        return getattr(importlib.import_module(place), inside)
+        row = MOVED[old]
+        place, _, inside = row.found.rpartition(".") if old == inner else (row.found, "", name)
+        value = getattr(importlib.import_module(place), inside)
+        warn(old, row)
+        return value
 
     return find
-
-
-class _Importer(MetaPathFinder, Loader):
-    """Modules under their former names: empty ones that ask today's for everything."""
-
-    def find_spec(
-        self, fullname: str, path: Sequence[str] | None, target: ModuleType | None = None
-    ) -> ModuleSpec | None:
-        return ModuleSpec(fullname, self) if fullname in MOVED else None
-
-    def exec_module(self, module: ModuleType) -> None:
-        row = MOVED[module.__name__]
-        warn(module.__name__, row)
-        today = importlib.import_module(row.found)
-        module.__getattr__ = lambda name: getattr(today, name)  # type: ignore[method-assign]
-        module.__all__ = [name for name in vars(today) if not name.startswith("_")]  # type: ignore[attr-defined]
-
-
-sys.meta_path.append(_Importer())
