@@ -1,0 +1,76 @@
+"""What it takes to merge very many parts of a sweep: `python benchmarks/merging.py 1000 10000 100000`.
+
+Parts are written as a sweep of 1e13 scenarios would write them, with counts that nobody counted, and are read, held
+against their checksums and summed as a merge does. Prints a line of CSV for each number of parts.
+"""
+
+from __future__ import annotations
+
+import resource
+import sys
+import tempfile
+import time
+from pathlib import Path
+
+import jax
+import numpy as np
+
+import pl_mc
+from pl_mc.engine.checkpoint_store import CheckpointStore
+from pl_mc.engine.execution import Execution, run_task
+from pl_mc.engine.table import FaultTotals
+from pl_mc.engine.task import PartCounts, SweepTask
+from pl_mc.methods import as_methods
+
+
+def task_of(parts: int) -> SweepTask:
+    """A ramp of 20 biases at two epochs, by two methods, that is cut into at least so many parts."""
+    g = pl_mc.simulate(epochs=2, interval_s=3600.0)
+    faults = pl_mc.ramp(g, satellite="G12", start_m=5.0, stop_m=100.0, step_m=5.0)
+    draws = -(-parts * 2**25 // (2 * len(faults.labels)))
+    return SweepTask(
+        geometry=g, faults=faults, draws=draws, seed=1, methods=as_methods(("ls", "igg3"), g), alert=pl_mc.LPV_200,
+        precision="float64",
+    )  # fmt: skip
+
+
+def merged(parts: int, folder: Path) -> dict[str, float]:
+    """Seconds a part to write and to merge, bytes of a part, and memory [MB]."""
+    task = task_of(parts)
+    plan, rng = task.plan, np.random.default_rng(1)
+    store = CheckpointStore(folder, task, resume=False)
+    store.begin()
+    false = [k for k, event in enumerate(task.events) if event.name in ("alarm", "false_alarm")]
+    begin = time.perf_counter()
+    for number in range(task.part_count):
+        chunks = list(plan.chunks(number))
+        drawn = np.zeros(len(plan.epochs), np.int64)
+        for chunk in chunks:
+            drawn[plan.places(chunk)[: chunk.size]] += plan.draws_of(chunk)
+        places = np.flatnonzero(drawn)
+        draws = drawn[places]
+        counts = np.zeros((len(places), plan.fault_index.shape[1], task.rows, len(task.events)), np.int64)
+        # Alarms that are all false contradict nothing.
+        counts[..., false] = rng.integers(0, draws.min(), counts.shape[:-1])[..., None]
+        store.write(PartCounts(number, places, draws, counts))
+    written = time.perf_counter()
+    totals = FaultTotals.of(task)
+    for part in run_task(task, Execution(folder=folder, stored_only=True, progress=False), lambda *_: iter(())):
+        assert not isinstance(part, str), part
+        totals.add(task, part)
+    done = time.perf_counter()
+    size = sum(path.stat().st_size for path in folder.glob("part-*"))
+    return {
+        "parts": task.part_count, "write_ms": 1e3 * (written - begin) / task.part_count,
+        "merge_ms": 1e3 * (done - written) / task.part_count, "part_bytes": size / task.part_count,
+        "memory_mb": resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 1024,
+    }  # fmt: skip
+
+
+if __name__ == "__main__":
+    jax.config.update("jax_enable_x64", True)
+    rows = []
+    for count in map(int, sys.argv[1:]):
+        with tempfile.TemporaryDirectory() as place:
+            rows.append(merged(count, Path(place, "parts")))
+        print(*(f"{name}={value:.6g}" for name, value in rows[-1].items()), flush=True)
