@@ -23,7 +23,7 @@ from pl_mc.experiments.loading import build_experiment
 from pl_mc.receiver import rinex
 from pl_mc.report.run_folder import read_run_folder
 from pl_mc.studies.observe import STUDY
-from pl_mc.studies.observe.run import error_figure
+from pl_mc.studies.observe.figures import error_figure
 
 ESBC_TRUTH = "3582104.8991,532590.1966,5232755.2961"
 
@@ -256,7 +256,7 @@ def drawn(count: int, step_s: float, largest_m: float) -> Figure:
         **{column: np.sin(epochs) for column in ("east_m", "north_m", "up_m")},
     })  # fmt: skip
     table.loc[2, "vpl_m"] = largest_m
-    return error_figure.__wrapped__(table, judged=Judged(LPV_200), title="A title of some length about a station")
+    return error_figure(table, judged=Judged(LPV_200), title="A title of some length about a station")
 
 
 @pytest.mark.parametrize(

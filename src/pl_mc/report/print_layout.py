@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from pl_mc.report.artists import Sheet, label_powers
+from pl_mc.report.artists import Sheet
 from pl_mc.report.look import Look, look_now
 
 if TYPE_CHECKING:
@@ -95,8 +95,6 @@ def finish(figure: Sheet) -> None:
     _high_enough(figure)
     if look.style == "grey":
         _in_greys(figure)
-        # Bars of colours have begun anew.
-        label_powers(figure)
 
 
 def _sizes(figure: Sheet) -> None:
@@ -204,7 +202,7 @@ def _in_greys(figure: Sheet) -> None:
 
     for artist in figure.findobj():
         if isinstance(artist, Collection | AxesImage) and artist.get_array() is not None:
-            artist.set_cmap(_grey_map(artist.get_cmap()))
+            _with_grey_map(artist)
         elif isinstance(artist, Collection | Patch):
             _to_grey(artist.get_facecolor, artist.set_facecolor)
             _to_grey(artist.get_edgecolor, artist.set_edgecolor)
@@ -214,6 +212,17 @@ def _in_greys(figure: Sheet) -> None:
             _to_grey(artist.get_markeredgecolor, artist.set_markeredgecolor)
         elif isinstance(artist, Text):
             _to_grey(artist.get_color, artist.set_color)
+
+
+def _with_grey_map(artist: Any) -> None:
+    """Give an artist its map of colours in greys, and its bar of colours the labels that it had."""
+    bar = artist.colorbar
+    axis = None if bar is None else bar.ax.xaxis if bar.orientation == "horizontal" else bar.ax.yaxis
+    labels = None if axis is None else (axis.get_major_formatter(), axis.get_minor_formatter())
+    artist.set_cmap(_grey_map(artist.get_cmap()))
+    if axis is not None and labels is not None:
+        axis.set_major_formatter(labels[0])
+        axis.set_minor_formatter(labels[1])
 
 
 def _to_grey(get: Callable[[], Any], put: Callable[[Any], None]) -> None:

@@ -62,6 +62,9 @@ def stanford_figure(
         "panel_mm": _PANEL_MM,
     }
     figure, axes = new_figure(down, across, **options, sharey=True)
+    engine: Any = figure.get_layout_engine()
+    # Planes that fill no more than a square of their place leave what stands below too little.
+    engine.set(h_pad=0.1, rect=(0.0, 0.04 / down, 1.0, 1.0 - 0.04 / down))
     for panel in axes[len(methods) :]:
         panel.remove()
     axes = axes[: len(methods)]

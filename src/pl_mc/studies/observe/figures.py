@@ -9,7 +9,7 @@ import pandas as pd
 
 from pl_mc.alert import Judged
 from pl_mc.report.figures import legend_below, limit_line, method_label, new_figure, shade
-from pl_mc.report.look import styles_of
+from pl_mc.report.look import look_now, styles_of
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -20,6 +20,8 @@ if TYPE_CHECKING:
 _FEW_EPOCHS = 60
 _STEPS_WITHOUT_GAP = 1.5
 _LINEAR_UP_TO = 4.0
+# Dates on an axis in print.
+_NARROW_TICKS = 5
 # Lines that are told apart in grey.
 _DASHES: tuple[Any, ...] = ((0, (2, 1)), (0, (6, 2)), (0, (1, 1.5)), (0, (6, 1.5, 1, 1.5)))
 
@@ -62,7 +64,8 @@ def time_axis(panel: Axes, times: pd.Series | pd.DatetimeIndex) -> None:
     """The horizontal axis in GPS time, with the days."""
     from matplotlib.dates import AutoDateLocator, ConciseDateFormatter
 
-    dates, ends = AutoDateLocator(), pd.DatetimeIndex(times)[[0, -1]]
+    narrow = look_now().width_in is not None
+    dates, ends = AutoDateLocator(maxticks=_NARROW_TICKS if narrow else None), pd.DatetimeIndex(times)[[0, -1]]
     panel.xaxis.set_major_locator(dates)
     form = ConciseDateFormatter(dates, show_offset=False)
     form.formats[5] = "%H:%M:%S"

@@ -209,7 +209,7 @@ def map_figure(rates: pd.DataFrame, *, event: str, judged: Judged, title: str) -
             grid.columns, places, np.where(np.isfinite(values), 0.0, np.nan), cmap="gray", vmin=-7.0, vmax=0.5,
             shading="nearest", rasterized=True,
         )  # fmt: skip
-        shown = np.ma.masked_invalid(values) if event == "alarm" else np.ma.masked_less_equal(np.nan_to_num(values), 0)
+        shown = np.ma.masked_less_equal(np.nan_to_num(values), 0)
         image = panel.pcolormesh(
             grid.columns, places, shown, norm=norm, cmap="viridis", shading="nearest", rasterized=True
         )
@@ -218,7 +218,7 @@ def map_figure(rates: pd.DataFrame, *, event: str, judged: Judged, title: str) -
         panel.invert_yaxis()
         bound = f"none seen, below {part[f'{event}_high'].max():.2g} in each cell (95 % bound)"
         panel.set_title(method_label(method, judged.axis) + ("" if np.nanmax(values) > 0 else f": {bound}"))
-    axes[-1].set_xlabel("epoch" + ("" if event == "alarm" else "; grey: in view, none seen"))
+    axes[-1].set_xlabel("epoch; grey: in view, none seen")
     if rates[column].max() > 0:
         figure.colorbar(image, ax=axes, label=meaning, pad=0.01)
     return figure
