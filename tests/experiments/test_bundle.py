@@ -158,6 +158,10 @@ def test_what_is_added_taken_away_or_sealed_again(bundle: Path, tmp_path: Path) 
     for name in ("SHA256SUMS", "results/manifest.json"):
         bundle.write_bytes(archive_of({one: content for one, content in held.items() if one != name}))
         assert name in verify_bundle(bundle).missing
+    # What is no list of names and hashes says nothing, and is shown to nobody.
+    for sums in (b"\xff", b"one word\n", b"0  \x1b[31mred\n", b"0  ../../out\n", b""):
+        bundle.write_bytes(archive_of(held | {"SHA256SUMS": sums}))
+        assert verify_bundle(bundle).changed == ("SHA256SUMS",)
     # Whoever writes the sums anew has the manifest against him.
     other = held | {"results/rates.csv": held["results/rates.csv"].replace(b"300", b"301")}
     sums = "".join(f"{hashlib.sha256(other[name]).hexdigest()}  {name}\n" for name in sorted(other) if name[0] != "S")

@@ -21,7 +21,7 @@ from pl_mc.experiments.reading import document_of_files, remake_page
 from pl_mc.input_errors import InputError
 from pl_mc.report.charts import charts_of
 from pl_mc.report.document import Document, FigureEntry, TableEntry
-from pl_mc.report.page import MOST_BYTES, page_figures, page_of_run, write_page
+from pl_mc.report.page import MOST_BYTES, _inline, page_figures, page_of_run, write_page
 from pl_mc.report.run_folder import RunFolder, flat_fields, read_run_folder
 from pl_mc.studies import sweep
 from pl_mc.studies.registry import KINDS, study_of
@@ -83,6 +83,13 @@ def test_headings_say_what_columns_mean_and_methods_have_short_names(tmp_path: P
     # Curves are called what the literature calls them.
     assert '{"label":"misleading information (MI)","rate":true}' in text
     assert '{"label":"hazardously misleading information (HMI)","rate":true}' in text
+
+
+def test_powers_of_ten_have_one_form_in_texts_too() -> None:
+    said = "Target 9.8e-08, at 1.27e+06 m [1e-07, 2e-10] for w_test(p_fa=1e-05) of 3e-05x; `1e-09`."
+    assert _inline(said) == (
+        "Target 9.8e-8, at 1.27e6 m [1e-7, 2e-10] for w_test(p_fa=1e-05) of 3e-05x; <code>1e-9</code>."
+    )
 
 
 def test_figures_whose_shades_have_a_meaning_are_not_turned_round(tmp_path: Path) -> None:

@@ -32,15 +32,17 @@ def test_a_short_name_says_what_tells_methods_apart() -> None:
         "tukey(scale=mad_floored)": "tukey(scale=mad_floored)",
         long: "w_test(exclusions=0, ...)",
         other: "w_test(exclusions=1, ...)",
-        "slope(p_fa=0.001)": "slope(...)",
+        # It is short as it is.
+        "slope(p_fa=0.001)": "slope(p_fa=0.001)",
     }
-    assert [whole for _, whole in hidden_options(short)] == [long, other, "slope(p_fa=0.001)"]
+    assert [whole for _, whole in hidden_options(short)] == [long, other]
     # Numbers that three digits do not tell apart stay whole.
-    close = ["l1(eps=0.00012341)", "l1(eps=0.00012342)"]
+    close = [f"l1(eps=0.0001234{k},level_scale=floored)" for k in (1, 2)]
     assert short_names(close) == {name: name for name in close}
-    assert short_names(["l1(eps=0.00012341)", "l1(eps=0.5)"])["l1(eps=0.00012341)"] == "l1(eps=0.000123)"
-    tables = [pd.DataFrame({"method": ["ls", None, "slope(p_fa=0.001)"]}), pd.DataFrame({"test": ["chi2"]})]
-    assert methods_in(tables) == {"ls": "ls", "slope(p_fa=0.001)": "slope(...)"}
+    apart = short_names([close[0], "l1(eps=0.5,level_scale=floored)"])
+    assert list(apart.values()) == ["l1(eps=0.000123, ...)", "l1(eps=0.5, ...)"]
+    tables = [pd.DataFrame({"method": ["ls", None, long]}), pd.DataFrame({"test": ["chi2"]})]
+    assert methods_in(tables) == {"ls": "ls", long: "w_test(...)"}
 
 
 @pytest.mark.parametrize(

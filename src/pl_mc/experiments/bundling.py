@@ -237,4 +237,5 @@ def _sums(content: bytes) -> dict[str, str]:
         lines = [line.split("  ", 1) for line in content.decode().splitlines()]
     except UnicodeDecodeError:
         return {}
-    return {line[1]: line[0] for line in lines} if all(len(line) == 2 for line in lines) else {}
+    sound = all(len(line) == 2 and is_plain(line[1]) for line in lines)
+    return {line[1]: line[0] for line in lines} if sound else {}

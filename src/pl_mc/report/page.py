@@ -57,6 +57,9 @@ _PICTURES = {".png": "image/png", ".svg": "image/svg+xml"}
 # Words of a figure that would be wrong where light and dark change places.
 _SHADES = re.compile(r"\b(?:white|black|grey|gray|dark|darker|light|lighter|bright|brighter)\b", re.IGNORECASE)
 
+# A number as Python writes it, 1e-07, but for those in the options of a method, which are its name.
+_POWER = re.compile(r"(?<![=\w.])(\d+(?:\.\d+)?)e([+-])0*(\d+)(?!\w)")
+
 # What texts of a document may mark: code, and words that are strong. All else in them is text.
 _INLINE = MarkdownIt("zero", {"html": False}).enable(["backticks", "emphasis"])
 
@@ -311,8 +314,9 @@ def json_in_page(content: Any) -> Markup:
 
 
 def _inline(text: str) -> Markup:
-    """A text of the document in HTML, with what it marks and nothing that could be a tag."""
-    return Markup(_INLINE.renderInline(text))
+    """A text of the document in HTML, with what it marks and nothing that could be a tag; powers of ten in one form."""
+    plain = _POWER.sub(lambda found: f"{found[1]}e{found[2].strip('+')}{found[3]}", text)
+    return Markup(_INLINE.renderInline(plain))
 
 
 def _setting(blocks: Sequence[Block]) -> str:

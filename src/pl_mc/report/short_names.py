@@ -9,6 +9,8 @@ import pandas as pd
 
 _OPTIONS = re.compile(r"([a-z][a-z0-9_]*)\((.*)\)")
 _LONG_NUMBER = re.compile(r"\d+\.\d{4,}(?:e[+-]?\d+)?")
+# Letters of a name that fits into a legend.
+_SHORT = 28
 # Stands for options that no other method of that name has otherwise.
 _HIDDEN = "..."
 
@@ -34,11 +36,14 @@ def options_of(name: str) -> tuple[str, tuple[str, ...]]:
 def short_names(names: Iterable[str]) -> dict[str, str]:
     """Short names by whole ones: of methods of one name those options in which they differ, numbers of three digits.
 
-    Those that would be called the same keep their whole names.
+    Names that are no longer than others, and those that would be called the same, stay whole.
     """
     given = {name: options_of(name) for name in dict.fromkeys(names)}
     made = {}
     for name, (base, options) in given.items():
+        if len(name) <= _SHORT:
+            made[name] = name
+            continue
         others = [set(two) for whole, (one, two) in given.items() if one == base and whole != name]
         own = [option for option in options if any(option not in other for other in others)]
         shown = [_LONG_NUMBER.sub(lambda number: f"{float(number[0]):.3g}", option) for option in own]
