@@ -7,6 +7,7 @@ import pkgutil
 import re
 import subprocess
 import sys
+import tomllib
 from pathlib import Path
 from types import ModuleType
 
@@ -42,6 +43,13 @@ def test_the_version_is_said_once() -> None:
 
 def _text(path: Path) -> str:
     return path.read_text(encoding="utf-8")
+
+
+def test_the_extra_all_is_what_users_may_want_beside() -> None:
+    project = tomllib.loads(_text(Path(__file__).parents[1] / "pyproject.toml"))["project"]
+    extras = project["optional-dependencies"]
+    of_developers = {"all", "test", "docs", "dev"}
+    assert set(extras["all"]) == {f"pl_mc[{name}]" for name in set(extras) - of_developers}
 
 
 def test_an_unknown_name_is_an_attribute_error() -> None:

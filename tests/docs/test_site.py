@@ -19,11 +19,12 @@ NOTEBOOKS = sorted((ROOT / "docs" / "notebooks").glob("*.ipynb"))
 @pytest.mark.skipif(
     not all(importlib.util.find_spec(name) for name in GENERATOR), reason="pl_mc[docs] is not installed"
 )
+@pytest.mark.timeout(600)
 def test_the_site_builds_strictly_and_stands_alone(tmp_path: Path) -> None:
     site = tmp_path / "site"
     command = [sys.executable, "-m", "sphinx", "-q", "-W", "--keep-going", "-E", "-d", str(tmp_path / "read")]
     done = subprocess.run(
-        [*command, "docs", str(site)], cwd=ROOT, capture_output=True, text=True, timeout=240, check=False
+        [*command, "docs", str(site)], cwd=ROOT, capture_output=True, text=True, timeout=580, check=False
     )
     assert done.returncode == 0, done.stderr
     assert done.stderr == ""
