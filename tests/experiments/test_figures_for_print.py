@@ -125,7 +125,8 @@ def test_a_map_of_nothing_is_a_sentence(tmp_path: Path) -> None:
     content = KINDS["map"] | {"methods": ["ls"], "alert": {"name": "far", "vertical_m": 1000.0}}
     run = run_experiment("one", build_experiment(content, source="test"), tmp_path / "out")
     assert not (run.folder / "map_missed.png").exists()
-    (said,) = (note for note in run.notes if note.startswith("No map of missed (VAL 1000 m)"))
+    (said,) = (note for note in run.notes if note.startswith("No map of missed"))
+    assert "VAL 1000 m: it was seen at no epoch" in said
     assert "bounds its rate" in said
 
 

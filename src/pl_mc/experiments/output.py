@@ -33,7 +33,7 @@ RECORD = "experiment.json"
 SUFFIX = ".unfinished"
 
 # Where a manifest says how figures were drawn again since the run.
-REDRAWN = "redrawn"
+_REDRAWN = "redrawn"
 
 
 # Beside a results folder stand, hidden: what a run is writing, and what it replaces, for the moment of two renames.
@@ -178,9 +178,15 @@ def record_files(folder: Path, names: Sequence[str], redrawn: Mapping[str, Any] 
         files |= {name: file_hash(folder / name) for name in names}
         if redrawn is not None:
             # Of forms that are drawn once more the earlier ones are gone.
-            earlier = [one for one in manifest.get(REDRAWN, []) if not set(one["format"]) <= set(redrawn["format"])]
-            manifest[REDRAWN] = [*earlier, dict(redrawn)]
+            earlier = [one for one in drawn_again(manifest) if not set(one["format"]) <= set(redrawn["format"])]
+            manifest[_REDRAWN] = [*earlier, dict(redrawn)]
         _write_manifest(folder, manifest)
+
+
+def drawn_again(manifest: Mapping[str, Any]) -> list[dict[str, Any]]:
+    """The fields of figures that were drawn again since the run, time after time."""
+    told = manifest.get(_REDRAWN)
+    return [one for one in told if isinstance(one, dict) and "format" in one] if isinstance(told, list) else []
 
 
 def _write_manifest(folder: Path, content: Mapping[str, Any]) -> None:

@@ -14,14 +14,13 @@ import pandas as pd
 
 from pl_mc.engine import Execution
 from pl_mc.experiments.loading import load_experiment
-from pl_mc.experiments.output import REDRAWN, changed_files, content_hash, input_hashes, written_files
+from pl_mc.experiments.output import changed_files, content_hash, drawn_again, input_hashes, written_files
 from pl_mc.experiments.provenance import machine, recorded_versions
-from pl_mc.experiments.redrawing import redraw
+from pl_mc.experiments.redrawing import figure_fields, redraw
 from pl_mc.experiments.running import run_experiment
 from pl_mc.input_errors import InputError, shown, system_reason
 from pl_mc.report.page import PAGE
 from pl_mc.report.run_folder import MANIFEST, changed_fields, read_manifest
-from pl_mc.studies.figure_fields import FigureFields
 
 # What says numbers in a form that can be compared cell by cell.
 _TABLE = ".csv"
@@ -173,8 +172,8 @@ def _redone(found: Verified, manifest: Mapping[str, Any], progress: bool | None)
         # The name of the folder may stand in its page.
         again = Path(place, found.folder.resolve().name or name)
         run_experiment(name, experiment, again, execution=Execution(progress=progress))
-        for fields in manifest.get(REDRAWN, ()):
-            redraw(again, FigureFields.model_validate(fields))
+        for fields in drawn_again(manifest):
+            redraw(again, figure_fields(fields))
         # A page names versions, machine and time.
         compared = [file for file in manifest["files"] if file != PAGE and (found.folder / file).is_file()]
         same = [file for file in compared if _equal(found.folder / file, again / file)]

@@ -140,7 +140,8 @@ def _without_map(of_bias: pd.DataFrame, by_place: pd.DataFrame, experiment: Swee
         for event in EVENTS:
             if not counted[f"{event}_rate"].any():
                 yield (
-                    f"No map of {event} ({one.limits()}): it was seen at no epoch with no satellite, which bounds its "
+                    f"No map of {event}, {one.probability(event)}, {one.limits()}: it was seen at no epoch with no "
+                    f"satellite, which bounds its "
                     f"rate at each of them by {placed[f'{event}_high'].max():.2g} (95 %)."
                 )
 
