@@ -44,16 +44,20 @@ def redraw(folder: Path, fields: FigureFields) -> tuple[str, ...]:
     known = run.figures if run.document is None else tuple(entry.name for entry in run.document.figures)
     made = study_of(experiment).pictures(StoredTables(folder), experiment)
     look = fields.look
+    # A page names the figures of its report; where none is stored it shows all that there are.
+    wanted = made if run.document is None else [one for one in made if one.name in known]
     try:
-        drawn, why = write_pictures([one for one in made if one.name in known], folder, look, run.title)
+        drawn, why = write_pictures(wanted, folder, look, run.title)
     except OSError as error:
         raise InputError(f"{folder}: figures cannot be written there ({system_reason(error)}).") from None
     files = [f"{entry.name}.{ending}" for entry in drawn for ending in look.endings]
     if files:
         record_files(folder, files, fields.model_dump(mode="json"))
     left = [one for one in known if one not in {entry.name for entry in drawn}]
-    if not left:
+    if not left and drawn:
         return ()
+    if not left:
+        return ("No figure was drawn: the run has none that is made of its tables.",)
     told = "; ".join(f"{one} ({why[one]})" if one in why else one for one in left)
     return (
         f"Not drawn again, since the folder does not hold all that they are made of: {told}; pl-mc run {name} with "

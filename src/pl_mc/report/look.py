@@ -210,11 +210,12 @@ def styles_of(methods: Iterable[str]) -> dict[str, SeriesStyle]:
     """The style of each method of a figure: of families the same in every figure, no two alike in one.
 
     Args:
-        methods: names with or without options, ``igg3(k1=4.0)``; of two of a family the first has its look.
+        methods: names with or without options, ``igg3(k1=4.0)``; of two of a family that without options has its look,
+            else the first.
     """
     names = list(dict.fromkeys(methods))
     place: dict[str, int] = {}
-    for name in names:
+    for name in sorted(names, key=lambda name: name not in _FAMILIES):
         family = re.split(r"[^a-z0-9_]", name, maxsplit=1)[0]
         if family in _FAMILIES and _FAMILIES.index(family) not in place.values():
             place[name] = _FAMILIES.index(family)

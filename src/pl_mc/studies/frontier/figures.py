@@ -21,6 +21,10 @@ _LEAST = 1e-40
 _MOST_COLUMNS = 3
 
 
+# From where on multipliers are drawn by their logarithm, with names at these.
+_WIDE, _TICKS = 2.5, (3, 4, 5, 6, 7, 8, 10, 12, 15, 20, 30, 50, 100)
+
+
 def _panels(skies: list[str], methods: list[str], title: str) -> tuple[Figure, Any]:
     """A panel for each sky, with the height that the legend below takes."""
     rows = -(-(len(methods) + 1) // min(len(skies), _MOST_COLUMNS))
@@ -74,6 +78,11 @@ def multiplier_figure(
                 label=method,
             )  # fmt: skip
         panel.set(xlabel=f"K of the {axis} level", title=sky, ylim=(0.0, 1.02))
+        if panel.get_xlim()[1] > _WIDE * panel.get_xlim()[0] > 0:
+            panel.set_xscale("log")
+            panel.set_xticks(_TICKS, [f"{tick:g}" for tick in _TICKS])
+            panel.minorticks_off()
+            panel.set_xlim(*np.array(panel.dataLim.intervalx) * (0.97, 1.03))
     axes[0].set_ylabel("share of geometries whose K is at most this")
     legend_below(figure, axes[:1], columns=min(len(skies), _MOST_COLUMNS), side="center")
     return figure
