@@ -192,6 +192,7 @@ DRAWING = Drawing()
 LONGEST = (
     "experiments/test_tuning_run.py",
     "kernels/test_twins.py",
+    "experiments/test_figures_for_print.py",
     "cli/test_stopping.py",
     "integrity_risk/test_tuning.py",
     "docs/test_site.py",

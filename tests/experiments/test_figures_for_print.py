@@ -36,7 +36,6 @@ SMALL: dict[str, Any] = {
     "kind": "sweep", "title": "A small ramp", "draws": 300, "seed": 5, "geometry": {"epochs": 4, "epoch": 2},
     "faults": {"satellite": "G02", "otherwise": "median_redundancy", "start_m": 10, "stop_m": 40, "step_m": 15},
 }  # fmt: skip
-SEQUENTIAL = ["filter_bank", {"name": "sequential_parity", "windows_s": [0.0, 50.0]}]
 KINDS: dict[str, dict[str, Any]] = {
     "satellites": SMALL | {"view": "satellites", "draws_per_satellite": 100, "axes": ["vertical", "either"]},
     "map": {
@@ -64,14 +63,6 @@ KINDS: dict[str, dict[str, Any]] = {
     "service": {
         "kind": "service", "title": "t", "draws": 2, "operations": ["CAT-I"], "step_deg": 60.0, "step_s": 7200.0,
         "duration_s": 14400.0, "durations_s": [], "methods": ["ls"],
-    },
-    "time-ramps": {
-        "kind": "time-ramps", "title": "t", "seed": 3, "satellite": "G11", "taus_s": [60.0], "draws": 50,
-        "geometry": {
-            "start": "2017-11-21T09:40:00", "epochs": 60, "interval_s": 10.0, "constellations": ["GPS"],
-        },
-        "rates_m_per_s": [0.0, 0.5], "calibration_draws": 1000, "p_fa": 0.05, "onset_s": 100.0, "methods": ["ls"],
-        "sequential": SEQUENTIAL,
     },
 }  # fmt: skip
 

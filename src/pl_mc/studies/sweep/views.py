@@ -141,8 +141,7 @@ def _without_map(of_bias: pd.DataFrame, by_place: pd.DataFrame, experiment: Swee
             if not counted[f"{event}_rate"].any():
                 yield (
                     f"No map of {event}, {one.probability(event)}, {one.limits()}: it was seen at no epoch with no "
-                    f"satellite, which bounds its "
-                    f"rate at each of them by {placed[f'{event}_high'].max():.2g} (95 %)."
+                    f"satellite, which bounds its rate at each of them by {placed[f'{event}_high'].max():.2g} (95 %)."
                 )
 
 
