@@ -42,12 +42,14 @@ if TYPE_CHECKING:
     PrecisionWord = str
     ErrorModelWord = str
     IonosphereWord = str
+    StyleWord = str
 else:
     # Words for which shells offer these; what else may stand there is checked where it is used.
     Shipped = Literal[tuple(experiment_files()) or ("ramp",)] | str
     MethodWord, ErrorModelWord = Literal[METHOD_NAMES] | str, Literal[ERROR_MODEL_NAMES] | str
     AxisWord, PrecisionWord = Literal[AXES] | str, Literal["float64", "float32"] | str
     IonosphereWord = Literal["broadcast", "none", "dual"] | str
+    StyleWord = Literal["screen", "paper", "grey"] | str
 
 Which = Annotated[
     Shipped,
@@ -132,7 +134,8 @@ class Figures:
         tuple[str, ...], Parameter(negative="", help="Files of each figure: png, svg, pdf, or several, `png,svg,pdf`.")
     ] = ()
     style: Annotated[
-        str | None, Parameter(help="screen; paper (in colours) or grey, for print: 7 to 8 points, no heading.")
+        StyleWord | None,
+        Parameter(help="screen; paper (in colours) or grey, for print: 7 to 8 points, no heading.", show_choices=False),
     ] = None
     width: Annotated[str | None, Parameter(help="Width of every figure: `88mm`, `8.8cm` or `3.5in`.")] = None
 

@@ -23,6 +23,9 @@ if TYPE_CHECKING:
 # The events that most readers look for first, in this order.
 FIRST_EVENTS = ("alarm", "misleading", "missed", "exceeded")
 
+# Of more methods than these a note names those with the largest shares.
+_MOST_TOLD = 6
+
 _TOLD = {
     "unconverged": "Share whose last iteration still moved the position by more than 1 cm",
     "tied": "Share in which satellites that no residual tells apart had one weight below one",
@@ -108,8 +111,12 @@ def convergence_note(tables: Sequence[Table]) -> tuple[str, ...]:
                 seen, of = count[rows], draws[rows]
                 if seen.any():
                     most = f", at most {(seen / of).max():.2g} in a row of the table" if "draws" in data else ""
-                    parts.append(f"{method} {seen.sum() / of.sum():.2g} ({seen.sum():,} of {of.sum():,}){most}")
-            said += [f"{means}: {'; '.join(parts)}."] if parts else []
+                    share = seen.sum() / of.sum()
+                    parts.append((share, f"{method} {share:.2g} ({seen.sum():,} of {of.sum():,}){most}"))
+            if len(parts) > _MOST_TOLD:
+                *told, (share, _) = sorted(parts, reverse=True)[: _MOST_TOLD + 1]
+                parts = [*told, (0.0, f"{len(parts) - _MOST_TOLD} more methods, {share:.2g} or less each")]
+            said += [f"{means}: {'; '.join(part for _, part in parts)}."] if parts else []
         return tuple(said) or ("Every iteration had settled to 1 cm.",)
     return ()
 
