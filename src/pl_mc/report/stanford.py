@@ -57,14 +57,17 @@ def stanford_figure(
     down = -(-len(methods) // across)
     options: Any = {
         "width_in": 4.55 * across + 1.0,
-        "height_in": 5.75 * down + 0.2,
+        "height_in": (5.75 if down == 1 else 6.2) * down + 0.2,
         "title": title,
         "panel_mm": _PANEL_MM,
     }
     figure, axes = new_figure(down, across, **options, sharey=True)
     engine: Any = figure.get_layout_engine()
     # Planes that fill no more than a square of their place leave what stands below too little.
-    engine.set(h_pad=0.1, rect=(0.0, 0.04 / down, 1.0, 1.0 - 0.04 / down))
+    engine.set(
+        hspace=0.12 if down > 1 and look_now().width_in is None else 0.0,
+        rect=(0.0, 0.04 / down, 1.0, 1.0 - 0.04 / down),
+    )
     for panel in axes[len(methods) :]:
         panel.remove()
     axes = axes[: len(methods)]

@@ -92,8 +92,9 @@ def several_geometries_figure(day: Comparison, experiment: ByOneAxis) -> Figure:
                 _rate_map(panel, day.rates[day.rates.geometry == name], what, shown, norm, ticks=4)
             panel.set_xlabel("share of draws" if what == _AVAILABILITY else "bias [m]", fontsize=8)
             panel.tick_params(labelsize=8)
-        # As long as the row is high: some 14 letters of this size to the inch.
-        panels[0].set_ylabel(textwrap.fill(headings[list(seen).index(what)], int(14 * heights[row])), fontsize=8.5)
+        # Some fourteen letters an inch.
+        heading = textwrap.fill(headings[list(seen).index(what)], max(12, int(14.0 * heights[row])))
+        panels[0].set_ylabel(heading, fontsize=8.5)
         panels[0].set_yticks(range(len(shown)), shown, fontsize=8.0)
         panels[0].set_ylim(len(shown) - 0.5, -0.5)
     for panel, name in zip(axes, names, strict=False):
