@@ -19,6 +19,7 @@ os.environ.pop("JAX_COMPILATION_CACHE_DIR", None)
 os.environ["PL_MC_CACHE"] = "off"
 
 import jax
+import psutil
 import pytest
 from hypothesis import HealthCheck, settings
 
@@ -98,6 +99,7 @@ WAYS: dict[str, dict[str, Any]] = {
     "optimised": {},
 }
 WAY_VARIABLE = "PL_MC_TEST_COMPILER"
+MUCH_BYTES = 1.0e9
 QUICK = next(iter(WAYS))
 
 
@@ -122,11 +124,15 @@ class Compilation:
         return self.collect(*args, env_options_overrides=chosen, **kwargs)
 
     def choose(self, file: Path, way: str) -> None:
-        """What was compiled in another way, or for another file, goes: processes grew to four gigabytes."""
+        """What was compiled in another way, or for another file, goes: processes grew to four gigabytes.
+
+        Looking for what else went with it takes a third of a second, and is worth it where there is much.
+        """
         if (file, way) != (self.file, self.way):
             self.file, self.way = file, way
             jax.clear_caches()
-            gc.collect()
+            if psutil.Process().memory_info().rss > MUCH_BYTES:
+                gc.collect()
 
 
 COMPILATION = Compilation()
