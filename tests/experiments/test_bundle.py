@@ -14,18 +14,14 @@ from pathlib import Path
 
 import pytest
 
-from pl_mc.cli.main import main
 from pl_mc.experiments.bundling import archive_of, verify_bundle, write_bundle
 from pl_mc.experiments.loading import build_experiment, load_experiment
 from pl_mc.experiments.running import run_experiment
 from pl_mc.experiments.verifying import verify
 from pl_mc.input_errors import InputError
+from reference.small_run import SMALL, ended
 
 ISM = "satellite,b_nom_m,p_sat,p_const\nG,0.75,1e-5,1e-4\nC,0.75,1e-5,1e-4\n"
-SMALL = {
-    "kind": "sweep", "title": "A small ramp", "draws": 300, "seed": 5, "geometry": {"epochs": 4, "epoch": 2},
-    "faults": {"satellite": "G02", "otherwise": "median_redundancy", "start_m": 10, "stop_m": 40, "step_m": 15},
-}  # fmt: skip
 
 
 # Figures are compared.
@@ -51,14 +47,6 @@ def bundle(folder: Path, tmp_path: Path) -> Path:
 def members_of(place: Path) -> dict[str, bytes]:
     with zipfile.ZipFile(place) as archive:
         return {name: archive.read(name) for name in archive.namelist()}
-
-
-def ended(*arguments: str) -> int:
-    try:
-        main(arguments)
-    except SystemExit as end:
-        return int(end.code or 0)
-    return 0
 
 
 def test_a_bundle_has_all_of_it_and_is_the_same_again(folder: Path, bundle: Path, tmp_path: Path) -> None:

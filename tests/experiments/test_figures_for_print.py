@@ -5,7 +5,6 @@ from __future__ import annotations
 import itertools
 import json
 import re
-import shutil
 from pathlib import Path
 from typing import Any
 
@@ -16,7 +15,6 @@ from matplotlib.figure import Figure
 from matplotlib.text import Text
 from PIL import Image
 
-from pl_mc.cli.main import main
 from pl_mc.engine import Execution
 from pl_mc.experiments.loading import build_experiment, load_experiment
 from pl_mc.experiments.redrawing import figure_fields, redraw
@@ -27,15 +25,12 @@ from pl_mc.report.figures import in_common_look, legend_below, new_figure
 from pl_mc.report.look import Look, drawn_in, styles_of
 from pl_mc.report.run_folder import StoredTables, read_run_folder
 from pl_mc.studies.registry import study_of
+from reference.small_run import SMALL, ended
 
 pytestmark = pytest.mark.drawn
 
 EPOCH = {"epochs": 1, "epoch": 0}
 RAMP = {"satellite": "G12", "start_m": 20.0, "stop_m": 40.0, "step_m": 20.0}
-SMALL: dict[str, Any] = {
-    "kind": "sweep", "title": "A small ramp", "draws": 300, "seed": 5, "geometry": {"epochs": 4, "epoch": 2},
-    "faults": {"satellite": "G02", "otherwise": "median_redundancy", "start_m": 10, "stop_m": 40, "step_m": 15},
-}  # fmt: skip
 KINDS: dict[str, dict[str, Any]] = {
     "satellites": SMALL | {"view": "satellites", "draws_per_satellite": 100, "axes": ["vertical", "either"]},
     "map": {
@@ -65,27 +60,6 @@ KINDS: dict[str, dict[str, Any]] = {
         "duration_s": 14400.0, "durations_s": [], "methods": ["ls"],
     },
 }  # fmt: skip
-
-
-@pytest.fixture(scope="module")
-def finished(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    folder = tmp_path_factory.mktemp("print") / "small"
-    run_experiment("small", build_experiment(SMALL, source="small"), folder)
-    return folder
-
-
-@pytest.fixture
-def copied(finished: Path, tmp_path: Path) -> Path:
-    return Path(shutil.copytree(finished, tmp_path / "small"))
-
-
-def ended(*arguments: str) -> int:
-    """The exit code of a command."""
-    try:
-        main(arguments)
-    except SystemExit as end:
-        return int(end.code or 0)
-    return 0
 
 
 def files(folder: Path, *endings: str) -> dict[str, bytes]:

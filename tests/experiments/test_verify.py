@@ -10,43 +10,16 @@ from typing import Any
 
 import pytest
 
-from pl_mc.cli.main import main
 from pl_mc.experiments.loading import build_experiment
 from pl_mc.experiments.output import content_hash
 from pl_mc.experiments.reading import remake_page
 from pl_mc.experiments.running import run_experiment
 from pl_mc.experiments.verifying import verify
 from pl_mc.input_errors import InputError
-
-SMALL = {
-    "kind": "sweep", "title": "A small ramp", "draws": 300, "seed": 5, "geometry": {"epochs": 4, "epoch": 2},
-    "faults": {"satellite": "G02", "otherwise": "median_redundancy", "start_m": 10, "stop_m": 40, "step_m": 15},
-}  # fmt: skip
-
+from reference.small_run import SMALL, ended
 
 # Figures are compared.
 pytestmark = pytest.mark.drawn
-
-
-@pytest.fixture(scope="module")
-def finished(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    folder = tmp_path_factory.mktemp("verified") / "small"
-    run_experiment("small", build_experiment(SMALL, source="small"), folder)
-    return folder
-
-
-@pytest.fixture
-def copied(finished: Path, tmp_path: Path) -> Path:
-    return Path(shutil.copytree(finished, tmp_path / "small"))
-
-
-def ended(*arguments: str) -> int:
-    """The exit code of a command."""
-    try:
-        main(arguments)
-    except SystemExit as end:
-        return int(end.code or 0)
-    return 0
 
 
 def test_a_run_is_as_it_was_written_and_comes_out_the_same_again(
