@@ -145,3 +145,11 @@ def test_the_errors_of_a_receiver_are_its_own() -> None:
         "The errors of a receiver's files are its own, whatever their law; faults are added to its pseudoranges."
         in lead
     )
+
+
+def test_a_frontier_does_not_say_that_its_multipliers_are_defaults() -> None:
+    lead = " ".join(assumed_of(load_experiment("frontier")[1]).lead)
+    assert "Multipliers of levels that scale with one (k_vertical, k_horizontal) are found at each geometry" in lead
+    assert "are of threefry2x32" in lead
+    assert "and of random places are NumPy's" in lead
+    assert "a hazard is: " in lead

@@ -136,6 +136,43 @@ def test_one_flipped_byte_in_any_member_is_found(bundle: Path, capsys: pytest.Ca
     assert ended("verify", str(bundle)) in (1, 2)
 
 
+def sealed(members: dict[str, bytes]) -> bytes:
+    """An archive whose list of hashes is made anew."""
+    others = {name: content for name, content in members.items() if name != "SHA256SUMS"}
+    sums = "".join(f"{hashlib.sha256(others[name]).hexdigest()}  {name}\n" for name in sorted(others))
+    return archive_of(others | {"SHA256SUMS": sums.encode()})
+
+
+def test_whoever_writes_the_list_of_hashes_anew_has_the_manifest_against_him(
+    bundle: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    held = members_of(bundle)
+    without = {name: content for name, content in held.items() if name != "results/rates.csv"}
+    bundle.write_bytes(sealed(without))
+    assert verify_bundle(bundle).missing == ("results/rates.csv",)
+    assert verify_bundle(bundle, partial=True).passed
+    bundle.write_bytes(sealed(held | {"results/foreign.csv": b"a,b\n"}))
+    found = verify_bundle(bundle)
+    assert found.foreign == ("results/foreign.csv",)
+    assert not found.passed
+    bundle.write_bytes(sealed(held | {"experiment.toml": held["experiment.toml"].replace(b"= 300", b"= 301")}))
+    assert verify_bundle(bundle).changed == ("experiment.toml",)
+    # Without the manifest there is nothing that the rest is held against.
+    for members in ({name: one for name, one in held.items() if "manifest" not in name}, {"a.txt": b"a"}):
+        bundle.write_bytes(sealed(members))
+        for partial in (False, True):
+            with pytest.raises(InputError, match=r"it is no bundle: results/manifest\.json, against which"):
+                verify_bundle(bundle, partial=partial, redo=True)
+    bundle.write_bytes(sealed(held | {"results/rates.csv/x": b"x"}))
+    with pytest.raises(InputError, match=r"results/rates\.csv is a file and a folder in it"):
+        verify_bundle(bundle)
+    # What is wrong in it is named as it stands there.
+    manifest = json.loads(held["results/manifest.json"]) | {"files": 3}
+    bundle.write_bytes(sealed(held | {"results/manifest.json": json.dumps(manifest).encode()}))
+    assert ended("verify", str(bundle)) == 2
+    assert capsys.readouterr().err.startswith(f"pl-mc: {bundle}: results/manifest.json: ")
+
+
 def test_what_is_added_taken_away_or_sealed_again(bundle: Path, tmp_path: Path) -> None:
     held = members_of(bundle)
     bundle.write_bytes(archive_of(held | {"results/mine.txt": b"mine"}))
@@ -150,10 +187,8 @@ def test_what_is_added_taken_away_or_sealed_again(bundle: Path, tmp_path: Path) 
     for sums in (b"\xff", b"one word\n", b"0  \x1b[31mred\n", b"0  ../../out\n", b""):
         bundle.write_bytes(archive_of(held | {"SHA256SUMS": sums}))
         assert verify_bundle(bundle).changed == ("SHA256SUMS",)
-    # Whoever writes the sums anew has the manifest against him.
     other = held | {"results/rates.csv": held["results/rates.csv"].replace(b"300", b"301")}
-    sums = "".join(f"{hashlib.sha256(other[name]).hexdigest()}  {name}\n" for name in sorted(other) if name[0] != "S")
-    bundle.write_bytes(archive_of(other | {"SHA256SUMS": sums.encode()}))
+    bundle.write_bytes(sealed(other))
     assert verify_bundle(bundle).changed == ("results/rates.csv",)
 
 
@@ -220,6 +255,21 @@ def test_no_bundle_of_a_folder_that_is_not_as_written(
     assert "no bundle is made of a folder that is not what its run wrote (rates.csv: it is not what" in said
     assert said.count("\n") == 1
     assert not (tmp_path / "small.zip").exists()
+    # Nothing is drawn or written where a table is not there; a figure that is not there can be drawn.
+    shutil.copy(folder / "rates.csv", copied)
+    (copied / "exact.csv").unlink()
+    before = {path.name: path.read_bytes() for path in copied.iterdir()}
+    assert ended("report", str(copied), "--style", "grey", "--bundle", str(tmp_path / "small.zip")) == 2
+    assert {path.name: path.read_bytes() for path in copied.iterdir()} == before
+    shutil.copy(folder / "exact.csv", copied)
+    (copied / "rates.svg").unlink()
+    capsys.readouterr()
+    assert ended("report", str(copied), "--bundle", str(tmp_path / "small.zip")) == 2
+    assert "--format png,svg draws figures again" in capsys.readouterr().err
+    assert ended("report", str(copied), "--format", "png,svg", "--bundle", str(tmp_path / "small.zip")) == 0
+    # No bundle lies in another results folder, where it would be foreign.
+    assert ended("report", str(copied), "--bundle", str(folder / "small.zip")) == 2
+    assert "it would be a foreign file in a results folder" in capsys.readouterr().err
 
 
 @pytest.mark.parametrize("name", ["small.txt", "small", "nothing/small.zip", "small/inside.zip"])

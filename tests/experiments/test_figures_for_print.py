@@ -204,11 +204,11 @@ def test_what_cannot_be_drawn_again_is_named(copied: Path) -> None:
     (said,) = redraw(copied, figure_fields({"style": "paper"}))
     assert said == (
         "Not drawn again, since the folder does not hold all that they are made of: rates (the table levels is not in "
-        "the folder); pl-mc run small with the same options draws them."
+        f"the folder); pl-mc run {copied / 'manifest.json'} with the same options draws them."
     )
     assert "redrawn" not in json.loads((copied / "manifest.json").read_text())
     (copied / "rates.csv").write_text("changed\n")
-    with pytest.raises(InputError, match=r"rates\.csv: it is not what the run wrote"):
+    with pytest.raises(InputError, match=r"rates\.csv: it is not what the run wrote; no figure is drawn from it"):
         redraw(copied, figure_fields({"style": "paper"}))
 
 
@@ -256,6 +256,9 @@ def test_a_method_looks_the_same_everywhere_and_no_two_alike() -> None:
     assert few["ls"] == other["ls"]
     assert few["igg3"] == other["igg3(k1=4.0)"]
     assert (few["ls"].colour, few["ls"].line, few["ls"].marker) == ("#0072B2", "-", "o")
+    # Of two of a family that without options has its look, and nobody else while there are others.
+    assert styles_of(["ls(level_scale=floored)", "made_up", "ls"])["ls"] == few["ls"]
+    assert few["ls"] not in styles_of(["made_up", *(f"made_up_{k}" for k in range(14))]).values()
     many = [f"{name}(k={k})" for name in ("ls", "igg3", "separated", "made_up") for k in range(12)]
     for style in ("screen", "grey"):
         with drawn_in(Look(style)):

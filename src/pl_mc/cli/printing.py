@@ -137,7 +137,9 @@ class Figures:
         StyleWord | None,
         Parameter(help="screen; paper (in colours) or grey, for print: 7 to 8 points, no heading.", show_choices=False),
     ] = None
-    width: Annotated[str | None, Parameter(help="Width of every figure: `88mm`, `8.8cm` or `3.5in`.")] = None
+    width: Annotated[
+        str | None, Parameter(help="Width of every figure, 60 to 420 mm: `88mm`, `8.8cm` or `3.5in`; 180 mm in print.")
+    ] = None
 
     @property
     def fields(self) -> dict[str, Any]:

@@ -41,7 +41,7 @@ def report(
     quiet
         Print the path of the page alone.
     """
-    from pl_mc.experiments.bundling import SUFFIX, write_bundle
+    from pl_mc.experiments.bundling import SUFFIX, require_whole_run, write_bundle
     from pl_mc.experiments.reading import remake_page, require_place, tex_of, write_tex
     from pl_mc.experiments.redrawing import figure_fields, redraw
 
@@ -49,6 +49,7 @@ def report(
     tables = None if tex is None else tex_of(folder, tex)
     if bundle is not None:
         require_place("--bundle", bundle, SUFFIX, folder)
+        require_whole_run(folder, but_figures=bool(figures.fields))
     undrawn = redraw(folder, fields) if figures.fields else ()
     result = remake_page(folder)
     result = replace(result, notes=(*result.notes, *undrawn))

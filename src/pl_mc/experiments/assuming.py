@@ -111,7 +111,10 @@ def _lead(experiment: Experiment) -> Iterator[str]:
         f"{event}, in the literature {name} ({short}), is: {means[event]}"
         for event, (short, name) in LITERATURE.items()
     )
-    yield f"An alarm is: {means['alarm']}; exceeded is: {means['exceeded']}; {said}."
+    yield (
+        f"An alarm is: {means['alarm']}; a hazard is: {means['hazard']}; exceeded is: {means['exceeded']}; {said}. A "
+        "rate under a fault is given that the fault is there; its prior is in it only where a table says so."
+    )
     yield (
         "Bounds of counted rates are two-sided 95 % Clopper-Pearson intervals of independent draws, where a table or a "
         "note does not say otherwise; nothing seen is an upper bound and no proof of zero."
@@ -122,7 +125,11 @@ def _lead(experiment: Experiment) -> Iterator[str]:
     )
     if any("observations" in path.split(".") for path in flat_fields(experiment.model_dump(mode="json"))):
         yield "The errors of a receiver's files are its own, whatever their law; faults are added to its pseudoranges."
-    yield f"Random numbers are those of threefry2x32, {LANES} draws a block, chosen by the seed {experiment.seed}."
+    yield from experiment.conditions
+    yield (
+        f"Random numbers are chosen by the seed {experiment.seed}: those of counted draws are of threefry2x32, {LANES} "
+        "draws a block; those of rare events, of risks given the residuals and of random places are NumPy's."
+    )
     yield "Satellites, faults and laws of errors that are not named here are not covered by any of these numbers."
 
 

@@ -9,15 +9,16 @@ from __future__ import annotations
 import hashlib
 import io
 import json
+import os
 import tempfile
 import zipfile
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
 from pl_mc.experiments.assuming import assumed_of
-from pl_mc.experiments.loading import build_experiment
+from pl_mc.experiments.loading import build_experiment, load_experiment
 from pl_mc.experiments.output import content_hash, written_files
 from pl_mc.experiments.source_files import experiment_of
 from pl_mc.experiments.template import template
@@ -32,6 +33,7 @@ from pl_mc.studies.file_fields import without_folders
 
 SUMS, README, LOCK, EXPERIMENT, RESULTS = "SHA256SUMS", "README.txt", "environment.txt", "experiment.toml", "results"
 SUFFIX = ".zip"
+_FIGURES = (".svg", ".png", ".pdf")
 
 # The largest results folders have a few tens of megabytes.
 _MOST_BYTES, _MOST_MEMBERS = 1_000_000_000, 20_000
@@ -44,6 +46,17 @@ that the environment variable PL_MC_DATA names, and in the current one:
 _TIME, _UNIX, _MODE = (1980, 1, 1, 0, 0, 0), 3, 0o100644
 
 
+def require_whole_run(folder: Path, *, but_figures: bool = False) -> None:
+    """Raise `InputError` where a results folder is not what its run wrote; figures aside, if they are to be drawn."""
+    found = verify(folder)
+    wrong = [*found.changed, *found.missing, *found.foreign]
+    others = [name for name in wrong if not name.endswith(_FIGURES)]
+    if not found.passed and (others or not wrong or not but_figures):
+        hint = "" if others or not wrong else "; pl-mc report FOLDER --format png,svg draws figures again"
+        first = found.sentences()[0].rstrip(".")
+        raise InputError(f"{folder}: no bundle is made of a folder that is not what its run wrote ({first}){hint}.")
+
+
 def write_bundle(folder: Path, place: Path) -> None:
     """Write the bundle of a results folder.
 
@@ -51,10 +64,7 @@ def write_bundle(folder: Path, place: Path) -> None:
         InputError: a folder that is not what its run wrote, or whose experiment this version does not know; a place
             that cannot be written to.
     """
-    found = verify(folder)
-    if not found.passed:
-        wrong = [*found.sentences()[:-1]]
-        raise InputError(f"{folder}: no bundle is made of a folder that is not what its run wrote ({wrong[0]})")
+    require_whole_run(folder)
     try:
         write_whole(place, archive_of(_members(folder)))
     except OSError as error:
@@ -168,6 +178,9 @@ def verify_bundle(place: Path, *, partial: bool = False, redo: bool = False, pro
     """
     content = read_bytes(place, most_bytes=_MOST_BYTES)
     members = _read(content, place)
+    inside = f"{RESULTS}/{MANIFEST}"
+    if inside not in members and (partial or inside not in _sums(members.get(SUMS) or b"")):
+        raise InputError(f"{place}: it is no bundle: {inside}, against which the rest is held, is not in it.")
     sums, damaged = _sums(members.get(SUMS) or b""), {name for name, one in members.items() if one is None}
     changed = {name for name, one in members.items() if name in sums and (one is None or _hash(one) != sums[name])}
     changed |= damaged | ({SUMS} if not sums else set())
@@ -184,21 +197,46 @@ def verify_bundle(place: Path, *, partial: bool = False, redo: bool = False, pro
         foreign=tuple(sorted(set(members) - set(sums) - {SUMS})) if sums else (),
         inputs=(),
     )
-    inside = f"{RESULTS}/{MANIFEST}"
     if inside in changed or inside not in whole:
-        return found
+        unread = f"{inside}: it is not what the run wrote, or not there; nothing was held against it"
+        return replace(found, notes=(f"{unread}{', and nothing was run again' if redo else ''}.",))
     with tempfile.TemporaryDirectory(prefix="pl-mc-verify-") as made:
         for name, one in whole.items():
             (Path(made) / name).parent.mkdir(parents=True, exist_ok=True)
             (Path(made) / name).write_bytes(one)
-        inner = verify(Path(made, RESULTS), partial=partial, redo=redo, progress=progress)
-    more = tuple(f"{RESULTS}/{name}" for name in inner.changed if f"{RESULTS}/{name}" not in found.changed)
+        try:
+            inner = verify(Path(made, RESULTS), partial=partial, redo=redo, progress=progress)
+        except InputError as error:
+            raise InputError(str(error).replace(f"{made}{os.sep}", f"{place}: ")) from None
+        other = _other_experiment(Path(made))
+
+    def told(names: Sequence[str], known: Sequence[str]) -> tuple[str, ...]:
+        return tuple(f"{RESULTS}/{name}" for name in names if f"{RESULTS}/{name}" not in known)
+
+    more = (*told(inner.changed, found.changed), *([EXPERIMENT] if other and EXPERIMENT not in found.changed else []))
+    strange = told(inner.foreign, found.foreign)
     return replace(
         found,
-        intact=tuple(name for name in found.intact if name not in more),
+        intact=tuple(name for name in found.intact if name not in (*more, *strange)),
         changed=(*found.changed, *more),
+        missing=(*found.missing, *told(inner.missing, found.missing)),
+        foreign=(*found.foreign, *strange),
         inputs=inner.inputs, redone=inner.redone, same=inner.same, notes=inner.notes,
     )  # fmt: skip
+
+
+def _other_experiment(made: Path) -> bool:
+    """Whether the experiment of an unpacked bundle is another one than that of its manifest."""
+    place = made / EXPERIMENT
+    if not place.is_file():
+        return False
+    fields = without_folders(read_manifest(made / RESULTS)["experiment"])
+    try:
+        named = build_experiment(experiment_of(read_manifest(made / RESULTS) | {"experiment": fields}), source=MANIFEST)
+        return load_experiment(str(place))[1].model_dump(mode="json") != named.model_dump(mode="json")
+    except InputError:
+        # Files that it reads are not at hand, or it is of another version.
+        return False
 
 
 def _read(content: bytes, place: Path) -> dict[str, bytes | None]:
@@ -215,6 +253,8 @@ def _read(content: bytes, place: Path) -> dict[str, bytes | None]:
             for one in listed:
                 if one.filename in members or not is_plain(one.filename):
                     raise InputError(f"{place}: it is no bundle: {shown(one.filename)} is no name of a member of one.")
+                if _is_folder_too(one.filename, listed):
+                    raise InputError(f"{place}: it is no bundle: {one.filename} is a file and a folder in it.")
                 if one.compress_type != zipfile.ZIP_STORED or one.flag_bits & 1:
                     raise InputError(
                         f"{place}: it is no bundle as pl-mc writes it: {one.filename} is packed or encrypted; unpack "
@@ -229,6 +269,10 @@ def _read(content: bytes, place: Path) -> dict[str, bytes | None]:
             raise
         raise InputError(f"{place}: it is no archive, or a damaged one ({shown_reason(str(error))}).") from None
     return members
+
+
+def _is_folder_too(name: str, listed: Sequence[zipfile.ZipInfo]) -> bool:
+    return any(other.filename.startswith(f"{name}/") for other in listed)
 
 
 def _sums(content: bytes) -> dict[str, str]:

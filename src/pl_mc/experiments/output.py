@@ -287,12 +287,16 @@ def require_finished_alike(folder: Path, experiment: Experiment) -> None:
         )
 
 
-def require_as_written(folder: Path, *, only: tuple[str, ...] = ("",)) -> None:
+def require_as_written(
+    folder: Path, *, only: tuple[str, ...] = ("",),
+    advice: str = "without --resume the run is counted anew and replaces it",
+) -> None:  # fmt: skip
     """Raise `InputError` where a file of a finished run is not what the run wrote, as far as its manifest says.
 
     Args:
         folder: the results.
         only: endings of the files that count.
+        advice: what to do about it.
     """
     manifest = parsed_json(read_text(folder / MANIFEST), path=folder / MANIFEST)
     total, files = manifest.pop("sha256", None), manifest.get("files", {})
@@ -300,10 +304,7 @@ def require_as_written(folder: Path, *, only: tuple[str, ...] = ("",)) -> None:
     if isinstance(files, dict) and not changed:
         changed = [name for name in changed_files(folder, files) if name.endswith(only)]
     if changed:
-        raise InputError(
-            f"{folder / changed[0]}: it is not what the run wrote; without --resume the run is counted anew and "
-            "replaces it."
-        )
+        raise InputError(f"{folder / changed[0]}: it is not what the run wrote; {advice}.")
 
 
 def changed_files(folder: Path, files: Mapping[str, str]) -> list[str]:

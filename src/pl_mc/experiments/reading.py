@@ -99,7 +99,8 @@ def require_place(option: str, place: Path, suffix: str, folder: Path) -> None:
         usable = place.suffix == suffix and place.parent.is_dir() and (place.is_file() or not os.path.lexists(place))
         if not usable or place.is_symlink():
             raise InputError(f"{option}: {place}: the name of a {suffix} file in a folder that is there is needed.")
-        if folder.resolve() in (one.resolve() for one in place.absolute().parents):
+        inside = folder.resolve() in (one.resolve() for one in (place.absolute(), *place.absolute().parents))
+        if inside or (place.parent / MANIFEST).is_file():
             raise InputError(f"{option}: {place}: it would be a foreign file in a results folder; name another folder.")
     except OSError as error:
         raise InputError(f"{option}: {shown(str(place))}: it cannot be written ({system_reason(error)}).") from None

@@ -39,8 +39,9 @@ def redraw(folder: Path, fields: FigureFields) -> tuple[str, ...]:
             written to; an experiment that is none of today.
     """
     run = read_run_folder(folder)
-    require_as_written(folder, only=(".csv", ".parquet"))
-    name, experiment = load_experiment(str(folder / MANIFEST))
+    again = f"pl-mc run {folder / MANIFEST}"
+    require_as_written(folder, only=(".csv", ".parquet"), advice=f"no figure is drawn from it ({again} counts anew)")
+    _, experiment = load_experiment(str(folder / MANIFEST))
     known = run.figures if run.document is None else tuple(entry.name for entry in run.document.figures)
     made = study_of(experiment).pictures(StoredTables(folder), experiment)
     look = fields.look
@@ -60,6 +61,6 @@ def redraw(folder: Path, fields: FigureFields) -> tuple[str, ...]:
         return ("No figure was drawn: the run has none that is made of its tables.",)
     told = "; ".join(f"{one} ({why[one]})" if one in why else one for one in left)
     return (
-        f"Not drawn again, since the folder does not hold all that they are made of: {told}; pl-mc run {name} with "
-        "the same options draws them.",
+        f"Not drawn again, since the folder does not hold all that they are made of: {told}; {again} "
+        "with the same options draws them.",
     )

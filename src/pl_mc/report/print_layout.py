@@ -131,7 +131,10 @@ def _legend(figure: Sheet) -> None:
             # What is wider still goes on in another line.
             for text in made.get_texts():
                 _wrap(text, 0.98 * width - _OF_A_KEY * float(text.get_fontsize()) * figure.dpi / 72.0, renderer)
-        if made.get_window_extent(renderer).width <= 0.98 * width or columns == 1:
+        box = made.get_window_extent(renderer)
+        if box.width <= 0.98 * width or columns == 1:
+            # Panels and a legend that together are higher than the figure are not laid out at all.
+            figure.set_figheight(figure.get_figheight() + box.height / figure.dpi)
             return
         made.remove()
 
@@ -169,7 +172,7 @@ def _wrapped(figure: Sheet) -> None:
             if title is not None:
                 _wrap(title, box.width, renderer)
         # Beside a bar of colours there is room.
-        wide, high = (box.width, box.height) if panel in own else (0.9 * side for side in figure.bbox.size)
+        wide, high = (box.width, box.height) if panel in own else (0.8 * side for side in figure.bbox.size)
         _wrap(panel.xaxis.label, 1.05 * wide, renderer)
         _wrap(panel.yaxis.label, 1.05 * high, renderer, upright=True)
 

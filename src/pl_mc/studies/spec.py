@@ -173,8 +173,9 @@ class GivenLimits(Strict):
 class Experiment(Strict):
     """What every experiment file says, whatever its kind."""
 
-    # Whether a kind computes in double precision, whatever the file says.
+    # Whether a kind computes in double precision, whatever the file says; sentences that hold for all its numbers.
     double_alone: ClassVar[bool] = False
+    conditions: ClassVar[tuple[str, ...]] = ()
 
     title: str
     methods: tuple[MethodChoice, ...] = (MethodChoice(name="ls"), MethodChoice(name="igg3"))

@@ -107,6 +107,12 @@ class FrontierExperiment(ByOneLevel):
     """
 
     double_alone: ClassVar[bool] = True
+    conditions: ClassVar[tuple[str, ...]] = (
+        "Multipliers of levels that scale with one (k_vertical, k_horizontal) are found at each geometry and stand in "
+        "the tables; what is said below of them is that of other runs.",
+        "Constellations have no faults beyond the prior that the budget names, and of two satellites at a time the "
+        "prior counts as lost, where no table says otherwise.",
+    )
 
     kind: Literal["frontier"] = "frontier"
     skies: Annotated[tuple[Sky, ...], Field(min_length=1)]

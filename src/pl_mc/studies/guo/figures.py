@@ -113,6 +113,10 @@ def statistic_figure(epochs: pd.DataFrame, *, biases_m: Sequence[float], time: s
     return figure
 
 
+# How wide names of tests and readings are [in].
+_LABELS_IN = 1.5
+
+
 def detection_figure(detection: pd.DataFrame, *, title: str) -> Figure:
     """Table 1 as points: detection rates by reading and bias, at both levels, with the paper's marks.
 
@@ -121,8 +125,16 @@ def detection_figure(detection: pd.DataFrame, *, title: str) -> Figure:
     keys = list(dict.fromkeys(zip(detection.test, detection.reading, strict=True)))
     heading = f"{title}: detection rates with 95 % intervals"
     figure, axes = new_figure(
-        1, 2, width_in=10.0, height_in=1.8 + 0.5 * len(keys), title=heading, lines_in=0.5 * len(keys), labels_in=1.5
+        1,
+        2,
+        width_in=10.0,
+        height_in=1.8 + 0.5 * len(keys),
+        title=heading,
+        lines_in=0.5 * len(keys),
+        labels_in=_LABELS_IN,
     )
+    # Below each other both have names.
+    stacked = columns_that_fit(2, labels_in=_LABELS_IN) == 1
     biases = [bias for bias in detection.bias_m.unique() if bias]
     points: dict[str, Any] = {"linestyle": "none", "markersize": 5, "clip_on": False}
     for panel, level in zip(axes, LEVELS, strict=True):
@@ -139,7 +151,7 @@ def detection_figure(detection: pd.DataFrame, *, title: str) -> Figure:
             panel.plot(paper, np.arange(len(keys)) + shift, marker="x", color="0.1", label=label, **points)
         alarms = of_level[of_level.bias_m == 0]
         ticks = [f"P_FA {100 * rate:.2g} %" if rate else "P_FA: none seen" for rate in alarms.p_fa_measured]
-        if level == NOMINAL:
+        if level == NOMINAL or stacked:
             ticks = [f"{test_label(*key)}\n{tick}" for key, tick in zip(keys, ticks, strict=True)]
         else:
             panel.yaxis.tick_right()
