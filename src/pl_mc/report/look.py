@@ -219,8 +219,8 @@ def styles_of(methods: Iterable[str]) -> dict[str, SeriesStyle]:
         family = re.split(r"[^a-z0-9_]", name, maxsplit=1)[0]
         if family in _FAMILIES and _FAMILIES.index(family) not in place.values():
             place[name] = _FAMILIES.index(family)
-    # The looks of the best known are the last that others get.
-    places = itertools.chain(reversed(range(len(_FAMILIES))), itertools.count(len(_FAMILIES)))
+    # The looks of least squares and IGG-III are the last that others get.
+    places = itertools.chain(range(2, len(_FAMILIES)), (0, 1), itertools.count(len(_FAMILIES)))
     left = (k for k in places if k not in place.values())
     for name in names:
         if name not in place:
