@@ -18,7 +18,8 @@ from matplotlib.ticker import MaxNLocator
 from pl_mc.detectors import Chi2, MeanCheck
 from pl_mc.experiments.loading import load_experiment
 from pl_mc.geometry import Geometry
-from pl_mc.report.figures import in_common_look, legend_below, new_figure, save_figure, series_style
+from pl_mc.report.figures import in_common_look, legend_below, new_figure, save_figure
+from pl_mc.report.look import series_style
 from pl_mc.statistics.reliability import least_detectable
 from pl_mc.studies.guo.paper import PRINTED
 from pl_mc.studies.guo.series import GuoSeries, day_of_detections
