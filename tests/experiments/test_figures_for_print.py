@@ -32,22 +32,18 @@ pytestmark = pytest.mark.drawn
 EPOCH = {"epochs": 1, "epoch": 0}
 RAMP = {"satellite": "G12", "start_m": 20.0, "stop_m": 40.0, "step_m": 20.0}
 KINDS: dict[str, dict[str, Any]] = {
-    "satellites": SMALL | {"view": "satellites", "draws_per_satellite": 100, "axes": ["vertical", "either"]},
+    "satellites": SMALL | {
+        "view": "satellites", "draws_per_satellite": 100, "axes": ["vertical", "either"], "methods": ["ls"],
+    },
     "map": {
         "kind": "sweep", "view": "map", "title": "t", "draws": 40, "seed": 5, "geometry": {"epochs": 3},
-        "faults": {"start_m": 20, "stop_m": 60, "step_m": 40},
+        "faults": {"start_m": 20, "stop_m": 60, "step_m": 40}, "methods": ["ls"],
     },
     "stanford": {
         "kind": "stanford", "title": "t", "draws": 300, "seed": 3, "geometry": EPOCH,
-        "faults": {"start_m": 10.0, "stop_m": 40.0, "step_m": 30.0},
+        "faults": {"start_m": 10.0, "stop_m": 40.0, "step_m": 30.0}, "methods": ["ls"],
     },
     "compare": {
-        "kind": "compare", "title": "t", "draws": 300, "seed": 3, "faults": RAMP, "methods": ["ls", "slope"],
-        "geometry": {"epochs": 4, "interval_s": 7200.0, "epoch": 0},
-        "day": {"every": 2, "draws": 100, "equal_draws": 100},
-        "equal": {"p_fa": 0.05, "draws": 300, "faults": RAMP, "methods": ["slope", "parity"]},
-    },
-    "compare, one geometry": {
         "kind": "compare", "title": "t", "draws": 300, "seed": 3, "faults": RAMP, "methods": ["ls", "slope"],
         "geometry": EPOCH, "equal": {"p_fa": 0.05, "draws": 300, "faults": RAMP, "methods": ["slope", "parity"]},
     },

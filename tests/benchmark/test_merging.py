@@ -1,0 +1,30 @@
+"""The study of very many parts: what it writes is what a merge takes."""
+
+from __future__ import annotations
+
+import importlib.util
+import sys
+from pathlib import Path
+from types import ModuleType
+
+import pytest
+
+PLACE = Path(__file__).parents[2] / "benchmarks" / "merging.py"
+
+
+@pytest.fixture
+def merging(monkeypatch: pytest.MonkeyPatch) -> ModuleType:
+    spec = importlib.util.spec_from_file_location("merging", PLACE)
+    assert spec is not None
+    assert spec.loader is not None
+    module = importlib.util.module_from_spec(spec)
+    monkeypatch.setitem(sys.modules, "merging", module)
+    spec.loader.exec_module(module)
+    return module
+
+
+def test_parts_that_nobody_counted_are_merged(merging: ModuleType, tmp_path: Path) -> None:
+    found = merging.merged(3, tmp_path / "parts")
+    files = list((tmp_path / "parts").glob("part-*.parquet"))
+    assert len(files) == found["parts"] >= 3
+    assert found["part_bytes"] == sum(path.stat().st_size for path in files) / len(files)
