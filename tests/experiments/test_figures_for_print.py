@@ -216,6 +216,8 @@ def test_what_cannot_be_drawn_again_is_named(copied: Path) -> None:
         ({"width": "40in"}, "--width: a length of 60mm to 420mm with its unit is needed (nearest: 420mm), not '40in'."),
         ({"format": "png,jpg"}, "--format: the forms of a figure are png, svg, pdf, one or several, not 'png,jpg'."),
         ({"format": []}, "--format: the forms of a figure are png, svg, pdf, one or several, not []."),
+        ({"format": "png,svg,png"}, "--format: png stands there twice, not 'png,svg,png'."),
+        ({"format": "bmp"}, "--format: the forms of a figure are png, svg, pdf, one or several, not 'bmp'."),
         ({"style": "gray"}, "--style: "),
     ],
 )

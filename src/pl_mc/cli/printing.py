@@ -144,7 +144,7 @@ class Figures:
     @property
     def fields(self) -> dict[str, Any]:
         """The fields that are given."""
-        given = {"format": self.format or None, "style": self.style, "width": self.width}
+        given = {"format": ",".join(self.format) or None, "style": self.style, "width": self.width}
         return {name: value for name, value in given.items() if value is not None}
 
 

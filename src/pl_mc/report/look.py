@@ -157,6 +157,8 @@ def endings_of(given: Sequence[str]) -> tuple[str, ...]:
     words = [word.strip().lower() for text in given for word in text.split(",")]
     if not words or not set(words) <= set(ENDINGS):
         raise InputError(f"format: the forms of a figure are {', '.join(ENDINGS)}, one or several.")
+    if len(set(words)) < len(words):
+        raise InputError(f"format: {next(word for word in words if words.count(word) > 1)} stands there twice.")
     return tuple(ending for ending in ENDINGS if ending in words)
 
 
