@@ -111,9 +111,7 @@ def run(
     read_source(experiment)
     keep_programs()
     from pl_mc.engine import Execution
-    from pl_mc.experiments.bundling import SUFFIX, write_bundle
     from pl_mc.experiments.loading import load_experiment
-    from pl_mc.experiments.reading import require_place
     from pl_mc.experiments.running import results_place, run_experiment, run_shard
     from pl_mc.studies.spec import kind_of
 
@@ -127,6 +125,9 @@ def run(
     if bundle is not None:
         if share is not None:
             raise InputError("--bundle: a share of a run has no results yet; pl-mc merge makes them.")
+        from pl_mc.experiments.bundling import SUFFIX, write_bundle
+        from pl_mc.experiments.reading import require_place
+
         require_place("--bundle", bundle, SUFFIX, results_place(name, out))
     execution = Execution(
         workers=workers, devices=devices, scheduler=scheduler, resume=resume, shard=share,

@@ -14,7 +14,7 @@ import tempfile
 import zipfile
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
-from pathlib import Path
+from pathlib import Path, PurePosixPath
 from typing import Any
 
 from pl_mc.experiments.assuming import assumed_of
@@ -30,6 +30,7 @@ from pl_mc.report.run_folder import MANIFEST, read_manifest, read_run_folder
 from pl_mc.runtime.small_files import read_bytes, shown_reason
 from pl_mc.runtime.whole_files import write_whole
 from pl_mc.studies.file_fields import without_folders
+from pl_mc.studies.spec import Experiment
 
 SUMS, README, LOCK, EXPERIMENT, RESULTS = "SHA256SUMS", "README.txt", "environment.txt", "experiment.toml", "results"
 SUFFIX = ".zip"
@@ -87,7 +88,6 @@ def _members(folder: Path) -> dict[str, bytes]:
     manifest = read_manifest(folder)
     experiment = build_experiment(experiment_of(manifest), source=MANIFEST)
     fields = without_folders(manifest["experiment"])
-    named = build_experiment(experiment_of(manifest | {"experiment": fields}), source=MANIFEST)
     assumed = assumed_of(experiment)
     files = {name: (folder / name).read_bytes() for name in written_files(folder)}
     notes = [str(note) for note in manifest.get("notes") or ()]
@@ -108,7 +108,7 @@ def _members(folder: Path) -> dict[str, bytes]:
     members = {f"{RESULTS}/{name}": content for name, content in files.items()}
     members |= {
         f"{RESULTS}/{MANIFEST}": whole.encode(),
-        EXPERIMENT: template(named).encode(),
+        EXPERIMENT: template(_without_folders(manifest)).encode(),
         LOCK: _lock(run.manifest).encode(),
         README: _readme(run.manifest).encode(),
     }
@@ -178,10 +178,10 @@ def verify_bundle(place: Path, *, partial: bool = False, redo: bool = False, pro
     """
     content = read_bytes(place, most_bytes=_MOST_BYTES)
     members = _read(content, place)
-    inside = f"{RESULTS}/{MANIFEST}"
-    if inside not in members and (partial or inside not in _sums(members.get(SUMS) or b"")):
-        raise InputError(f"{place}: it is no bundle: {inside}, against which the rest is held, is not in it.")
     sums, damaged = _sums(members.get(SUMS) or b""), {name for name, one in members.items() if one is None}
+    inside = f"{RESULTS}/{MANIFEST}"
+    if inside not in members and (partial or inside not in sums):
+        raise InputError(f"{place}: it is no bundle: {inside}, against which the rest is held, is not in it.")
     changed = {name for name, one in members.items() if name in sums and (one is None or _hash(one) != sums[name])}
     changed |= damaged | ({SUMS} if not sums else set())
     missing = [] if partial else sorted({*sums, SUMS} - set(members))
@@ -225,18 +225,22 @@ def verify_bundle(place: Path, *, partial: bool = False, redo: bool = False, pro
     )  # fmt: skip
 
 
+def _without_folders(manifest: Mapping[str, Any]) -> Experiment:
+    """The experiment of a manifest as a bundle names its files."""
+    fields = without_folders(manifest["experiment"])
+    return build_experiment(experiment_of({**manifest, "experiment": fields}), source=MANIFEST)
+
+
 def _other_experiment(made: Path) -> bool:
     """Whether the experiment of an unpacked bundle is another one than that of its manifest."""
-    place = made / EXPERIMENT
-    if not place.is_file():
+    if not (made / EXPERIMENT).is_file():
         return False
-    fields = without_folders(read_manifest(made / RESULTS)["experiment"])
     try:
-        named = build_experiment(experiment_of(read_manifest(made / RESULTS) | {"experiment": fields}), source=MANIFEST)
-        return load_experiment(str(place))[1].model_dump(mode="json") != named.model_dump(mode="json")
+        told, held = load_experiment(str(made / EXPERIMENT))[1], _without_folders(read_manifest(made / RESULTS))
     except InputError:
         # Files that it reads are not at hand, or it is of another version.
         return False
+    return told.model_dump(mode="json") != held.model_dump(mode="json")
 
 
 def _read(content: bytes, place: Path) -> dict[str, bytes | None]:
@@ -250,10 +254,11 @@ def _read(content: bytes, place: Path) -> dict[str, bytes | None]:
             listed = archive.infolist()
             if len(listed) > _MOST_MEMBERS or sum(one.file_size for one in listed) > len(content):
                 raise InputError(f"{place}: it is no bundle: its members are larger than itself.")
+            folders = {str(above) for one in listed for above in PurePosixPath(one.filename).parents}
             for one in listed:
                 if one.filename in members or not is_plain(one.filename):
                     raise InputError(f"{place}: it is no bundle: {shown(one.filename)} is no name of a member of one.")
-                if _is_folder_too(one.filename, listed):
+                if one.filename in folders:
                     raise InputError(f"{place}: it is no bundle: {one.filename} is a file and a folder in it.")
                 if one.compress_type != zipfile.ZIP_STORED or one.flag_bits & 1:
                     raise InputError(
@@ -269,10 +274,6 @@ def _read(content: bytes, place: Path) -> dict[str, bytes | None]:
             raise
         raise InputError(f"{place}: it is no archive, or a damaged one ({shown_reason(str(error))}).") from None
     return members
-
-
-def _is_folder_too(name: str, listed: Sequence[zipfile.ZipInfo]) -> bool:
-    return any(other.filename.startswith(f"{name}/") for other in listed)
 
 
 def _sums(content: bytes) -> dict[str, str]:
