@@ -23,7 +23,7 @@ from pl_mc.benchmark.limit import limits
 from pl_mc.benchmark.measure import Contestant, Rate, Ratio, measure
 from pl_mc.benchmark.problem import METHODS, ROBUST, reference_errors_m, reference_faults, reference_geometry
 from pl_mc.benchmark.run import LIMIT, NUMPY, SWEEP, Sizes, _busy_share, _notes, run_bench
-from pl_mc.benchmark.scaling import run_scaling, scaling_figure, scenario_counts
+from pl_mc.benchmark.scaling import run_scaling, scaling, scaling_figure, scenario_counts
 from pl_mc.engine.plan import SCENARIOS_PER_CALL
 from pl_mc.kernels.events import EVENTS
 from pl_mc.kernels.noise import LANES, epoch_key, unit_noise
@@ -371,6 +371,7 @@ def test_a_point_of_the_scaling_curve_is_a_process_of_its_own(tmp_path, monkeypa
     (row,) = table.itertuples()
     assert row.scenarios == 5_120
     assert 0 < row.sweep_s < row.process_s
+    assert 0 < row.processor_s < 4 * row.process_s
     assert row.scenarios_per_s == pytest.approx(5_120 / row.sweep_s)
     assert 100 < row.peak_memory_mb < ballast.nbytes / 1e6
     assert {path.name for path in (tmp_path / "curve").iterdir()} == {
@@ -378,6 +379,20 @@ def test_a_point_of_the_scaling_curve_is_a_process_of_its_own(tmp_path, monkeypa
     }  # fmt: skip
     assert "5,120" in text
     pd.testing.assert_frame_equal(pd.read_csv(tmp_path / "curve" / "scaling.csv"), table)
+
+
+def test_a_point_with_parts_goes_on_and_its_seconds_are_those_of_all_its_processes(tmp_path, monkeypatch):
+    monkeypatch.setenv("JAX_DISABLE_MOST_OPTIMIZATIONS", "1")
+    first = scaling([5_110], workers=1, parts=tmp_path, progress=False)
+    (folder,) = tmp_path.iterdir()
+    spent = json.loads((folder / "spent.json").read_text())
+    assert 0 < spent["processor_s"] <= first.processor_s[0]
+    (folder / "spent.json").write_text(json.dumps(dict.fromkeys(spent, 1000.0)))
+    (part,) = folder.glob("part-*.parquet")
+    counted = part.stat().st_mtime_ns
+    again = scaling([5_110], workers=1, parts=tmp_path, progress=False)
+    assert part.stat().st_mtime_ns == counted
+    assert (again[["process_s", "processor_s", "sweep_s"]] > 1000).all(axis=None)
 
 
 def test_the_curve_is_drawn_on_logarithmic_scales():

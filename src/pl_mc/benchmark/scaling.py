@@ -18,7 +18,7 @@ from pl_mc.benchmark.measure import load_average, processor_name
 from pl_mc.benchmark.problem import reference_faults, reference_geometry
 from pl_mc.benchmark.report import write_texts
 from pl_mc.engine.checks import LARGEST_DRAWS
-from pl_mc.input_errors import InputError, require_choice, require_whole
+from pl_mc.input_errors import InputError, require_choice, require_path, require_whole
 from pl_mc.report.figures import in_common_look, new_figure, save_figure
 from pl_mc.report.look import series_style
 from pl_mc.report.text import markdown_table
@@ -52,17 +52,20 @@ def scenario_counts(text: str) -> tuple[int, ...]:
 
 def scaling(
     scenarios: Sequence[int], *, precision: str = "float64", workers: int | None = None,
-    progress: bool | None = None,
+    parts: Path | str | None = None, progress: bool | None = None,
 ) -> pd.DataFrame:  # fmt: skip
     """Measure each number of scenarios of the reference problem; one is a noise draw under one of its 20 biases.
 
     Args:
         scenarios: how many; each is rounded up to a multiple of 20.
         precision, workers, progress: as for `pl_mc.sweep`.
+        parts: where finished parts of each point are stored, so that a point that was stopped goes on with them; its
+            seconds are then those of all its processes. Nowhere unless given.
 
     Returns:
         One row per number: ``scenarios, precision, threads, process_s`` (from the start of the process to its end,
-        imports and compilation included), ``sweep_s`` (the sweep with its compilation), ``scenarios_per_s`` (of the
+        imports and compilation included), ``processor_s`` (user and system time of all its threads, which other work
+        on the machine hardly changes), ``sweep_s`` (the sweep with its compilation), ``scenarios_per_s`` (of the
         sweep), ``peak_memory_mb`` (largest resident memory of the process).
 
     Raises:
@@ -74,15 +77,18 @@ def scaling(
     numbers = [require_whole(number, field="scaling", low=1, high=LARGEST_DRAWS * faults) for number in scenarios]
     require_choice(precision, PRECISIONS, field="precision")
     threads = cores() if workers is None else require_whole(workers, field="workers", low=1)
+    folder = None if parts is None else require_path(parts, field="parts")
     rows = [
-        _point(math.ceil(number / faults), precision, threads)
+        _point(math.ceil(number / faults), precision, threads, folder)
         for number in with_progress(numbers, total=len(numbers), what="Scaling", show=progress)
     ]
     return pd.DataFrame(rows)
 
 
-def _point(draws: int, precision: str, threads: int) -> dict[str, Any]:
+def _point(draws: int, precision: str, threads: int, parts: Path | None) -> dict[str, Any]:
     command = [sys.executable, "-m", "pl_mc.benchmark.scaling_point", str(draws), precision, str(threads)]
+    if parts is not None:
+        command.append(str(parts / f"{draws}-{precision}"))
     start = time.perf_counter()
     done = subprocess.run(command, capture_output=True, text=True, check=False)
     seconds = time.perf_counter() - start
@@ -90,19 +96,21 @@ def _point(draws: int, precision: str, threads: int) -> dict[str, Any]:
         reason = (done.stderr.strip().splitlines() or ["no reason given"])[-1]
         raise InputError(f"scaling: the process with {draws} draws ended with code {done.returncode} ({reason}).")
     found = json.loads(done.stdout.splitlines()[-1])
-    scenarios, sweep_s = found["scenarios"], found["sweep_s"]
+    earlier, scenarios = found["earlier"], found["scenarios"]
+    sweep_s = earlier["sweep_s"] + found["sweep_s"]
     return {
-        "scenarios": scenarios, "precision": precision, "threads": threads, "process_s": seconds,
+        "scenarios": scenarios, "precision": precision, "threads": threads,
+        "process_s": earlier["process_s"] + seconds, "processor_s": earlier["processor_s"] + found["processor_s"],
         "sweep_s": sweep_s, "scenarios_per_s": scenarios / sweep_s, "peak_memory_mb": found["peak_bytes"] / 1e6,
     }  # fmt: skip
 
 
 def run_scaling(
     scenarios: Sequence[int], *, precision: str = "float64", workers: int | None = None,
-    out: Path | str | None = None, progress: bool | None = None,
+    parts: Path | str | None = None, out: Path | str | None = None, progress: bool | None = None,
 ) -> tuple[pd.DataFrame, str]:  # fmt: skip
     """`scaling` with a text; into ``out`` go scaling.csv, scaling.md, scaling.png and scaling.svg."""
-    table = scaling(scenarios, precision=precision, workers=workers, progress=progress)
+    table = scaling(scenarios, precision=precision, workers=workers, parts=parts, progress=progress)
     text = scaling_text(table)
     if out is not None:
         csv = table.to_csv(index=False, lineterminator="\n")
@@ -115,12 +123,15 @@ def scaling_text(table: pd.DataFrame) -> str:
     """The table for a reader."""
     rows = [
         (
-            f"{row.scenarios:,}", row.precision, row.threads, f"{row.process_s:.1f}", f"{row.sweep_s:.1f}",
-            f"{row.scenarios_per_s / 1e6:.3g}", f"{row.peak_memory_mb:.0f}",
+            f"{row.scenarios:,}", row.precision, row.threads, f"{row.process_s:.1f}", f"{row.processor_s:.1f}",
+            f"{row.sweep_s:.1f}", f"{row.scenarios_per_s / 1e6:.3g}", f"{row.peak_memory_mb:.0f}",
         )
         for row in table.itertuples()
     ]  # fmt: skip
-    head = ("scenarios", "precision", "threads", "process [s]", "sweep [s]", "rate [M/s]", "peak memory [MB]")
+    head = (
+        "scenarios", "precision", "threads", "process [s]", "processor [s]", "sweep [s]", "rate [M/s]",
+        "peak memory [MB]",
+    )  # fmt: skip
     averages = load_average()
     load = "" if averages is None else f", load average {averages[0]} at the end"
     return (

@@ -279,6 +279,7 @@ def bench(
     devices: int | None = None,
     limit: Path | None = None,
     scaling: str | None = None,
+    parts: Path | None = None,
     out: Path | None = None,
     json: Json = False,
     progress: Progress = None,
@@ -299,6 +300,8 @@ def bench(
         A hand-written kernel to compare with: a C++ source or a program.
     scaling
         Instead: time and memory at these numbers of scenarios, `1e6,1e7,1e8`, in the first precision.
+    parts
+        With `--scaling`: folder for finished parts; a point that was stopped goes on with those that it holds.
     out
         Folder for bench.json, bench.csv and bench.md, or for the curve.
     json
@@ -310,9 +313,13 @@ def bench(
     from pl_mc.benchmark.scaling import run_scaling, scenario_counts
 
     if scaling is not None:
-        table, text = run_scaling(scenario_counts(scaling), precision=precision[0], out=out, progress=progress)
+        table, text = run_scaling(
+            scenario_counts(scaling), precision=precision[0], parts=parts, out=out, progress=progress
+        )
         print(table.to_json(orient="records", indent=2) if json else text)
         return
+    if parts is not None:
+        raise InputError("parts: only the points of --scaling have parts.")
     record, text = run_bench(
         seconds=seconds, precisions=precision, devices=devices, limit=limit, out=out, progress=progress
     )
