@@ -7,6 +7,7 @@ import json
 from collections.abc import Callable, Mapping
 from typing import Any
 
+import numpy as np
 import pandas as pd
 import pyarrow as pa
 import pyarrow.parquet as pq
@@ -55,6 +56,12 @@ FORGED_ROWS: Mapping[str, Callable[[pd.DataFrame], pd.DataFrame]] = {
     "one alarm more": lambda rows: rows.assign(alarms=rows.alarms + 1),
     "more than drawn": lambda rows: rows.assign(exceeded=rows.draws + 1),
     "a column less": lambda rows: rows.drop(columns="missed"),
+    "a column more": lambda rows: rows.assign(weight=1),
+    "columns the other way round": lambda rows: rows[["fault", "epoch", *rows.columns[2:]]],
+    "no bias": lambda rows: rows.assign(bias_m=np.nan),
+    "draws that are no whole numbers": lambda rows: rows.assign(draws=rows.draws.astype(float)),
+    "a count that is missing": lambda rows: rows.assign(exceeded=rows.exceeded.astype("Int64").mask(rows.index == 3)),
+    "a fault that is missing": lambda rows: rows.assign(fault=rows.fault.astype(object).mask(rows.index == 3, None)),
 }
 
 # What a part says of itself, of a form that no part has.

@@ -12,7 +12,7 @@ import hashlib
 import json
 import os
 import re
-from collections.abc import Collection, Iterator, Mapping
+from collections.abc import Collection, Container, Iterator, Mapping
 from pathlib import Path
 from typing import Any, Generic
 
@@ -67,9 +67,9 @@ class CheckpointStore(Generic[P]):
         self._asked = fingerprint(self.identity[ASKED])
         self._any_machine = any_machine
         self._shared = numbers is not None
-        self._mine = range(task.part_count) if numbers is None else numbers
+        self._mine: Container[int] = range(task.part_count) if numbers is None else frozenset(numbers)
         stored = self.stored()
-        mine = stored if numbers is None else [number for number in stored if number in set(numbers)]
+        mine = stored if numbers is None else [number for number in stored if number in self._mine]
         if mine and not resume:
             raise InputError(
                 f"{folder}: {len(mine)} finished parts of an earlier run are here; resume it, or remove the folder "

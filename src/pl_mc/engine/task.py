@@ -151,25 +151,12 @@ class SweepTask:
 
     def part_rows(self, part: PartCounts) -> pa.Table:
         """A part as a table, one row for each epoch, fault, method and axis; the vertical alone goes without saying."""
-        plan, labels = self.plan, self.faults.labels
         place, slot = self._cases(part.places)
-        fault = plan.fault_index[part.places[place], slot]
-        names, judged = [method.name for method in self.methods], list(self.axes)
-        repeat = self.rows
-        of_axis = pd.Categorical.from_codes(np.tile(np.arange(len(judged)), len(place) * len(names)), judged)
         columns: dict[str, object] = {
-            "epoch": np.repeat(plan.geometry.epoch[plan.epochs[part.places[place]]], repeat),
-            "fault": pd.Categorical.from_codes(np.repeat(fault, repeat), list(labels))
-            if len(set(labels)) == len(labels)
-            else np.repeat(np.array(labels, dtype=object)[fault], repeat),
-            "bias_m": np.repeat(self.faults.scalar_bias_m[fault], repeat),
-            "method": pd.Categorical.from_codes(
-                np.tile(np.repeat(np.arange(len(names)), len(judged)), len(place)), names
-            ),
-            **({} if self.axes == (VERTICAL,) else {"axis": of_axis}),
-            "draws": np.repeat(part.draws[place], repeat),
+            name: column.stored() if isinstance(column, _Texts) else column
+            for name, column in self._planned(part.places, part.draws).items()
         }
-        flat = part.counts[place, slot].reshape(len(place) * repeat, len(self.events))
+        flat = part.counts[place, slot].reshape(len(place) * self.rows, len(self.events))
         table = pd.DataFrame(columns | {name: flat[:, k] for k, name in enumerate(self._counts)})
         return pa.Table.from_pandas(table, preserve_index=False)
 
@@ -184,24 +171,48 @@ class SweepTask:
         for chunk in chunks:
             draws[chunk.first_epoch - places[0] : chunk.stop_epoch - places[0]] += self.plan.draws_of(chunk)
         # Epochs, faults, methods and draws are those of the plan; a checksum alone says who wrote, not what is true.
-        expected = self.part_rows(PartCounts(number, places, draws, counts)).to_pandas()
-        table = rows.to_pandas()
-        whole = all(table[name].dtype == np.int64 for name in self._counts)
-        texts = {name: str for name in ("fault", "method", "axis") if name in expected}
-        if not whole or not table.drop(columns=self._counts).astype(texts).equals(
-            expected.drop(columns=self._counts).astype(texts)
+        # Columns are compared as they lie in the file: as data frames they take ten times as long, which counts where
+        # parts are many and small.
+        planned, counted = self._planned(places, draws), {name: rows.column(name) for name in self._counts}
+        if (
+            [name for name in rows.column_names if name not in counted] != list(planned)
+            or not all(_same(rows.column(name), column) for name, column in planned.items())
+            or any(column.type != pa.int64() or column.null_count for column in counted.values())
         ):
             raise ValueError("its rows are not those of the plan")
-        flat = table[self._counts].to_numpy(np.int64).reshape(len(place), self.rows, len(self.events))
-        least = table.hazards - table.missed + table.false_alarms + table.unavailable
-        if (flat < 0).any() or (flat > draws[place][:, None, None]).any() or (table.alarms != least).any():
+        of = {name: column.to_numpy().reshape(len(place), self.rows) for name, column in counted.items()}
+        flat, drawn = np.stack(list(of.values()), axis=-1), draws[place][:, None]
+        least = of["hazards"] - of["missed"] + of["false_alarms"] + of["unavailable"]
+        if (flat < 0).any() or (flat > drawn[..., None]).any() or (of["alarms"] != least).any():
             raise ValueError("its counts contradict each other")
         # Each draw with a solution is one of the exclusions, where the method names them.
-        excluded, solved = flat[..., len(EVENTS) :].sum(axis=-1), (table.draws - table.unavailable).to_numpy()
-        if ((excluded != 0) & (excluded != solved.reshape(excluded.shape))).any():
+        excluded, solved = flat[..., len(EVENTS) :].sum(axis=-1), drawn - of["unavailable"]
+        if ((excluded != 0) & (excluded != solved)).any():
             raise ValueError("its exclusions contradict each other")
         counts[place, slot] = flat
         return PartCounts(number, places, draws, counts)
+
+    def _planned(
+        self, places: NDArray[np.int64], draws: NDArray[np.int64]
+    ) -> dict[str, NDArray[np.int64] | NDArray[np.float64] | _Texts]:
+        """The columns of a part's rows that are known before anything is counted."""
+        plan, (place, slot) = self.plan, self._cases(places)
+        fault, cases, judged = plan.fault_index[places[place], slot], len(place), len(self.axes)
+        method = np.tile(np.repeat(np.arange(len(self.methods)), judged), cases)
+        axis = {"axis": _Texts(np.tile(np.arange(judged), cases * len(self.methods)), self.axes)}
+        return {
+            "epoch": np.repeat(plan.geometry.epoch[plan.epochs[places[place]]], self.rows),
+            "fault": _Texts(np.repeat(fault, self.rows), self.faults.labels),
+            "bias_m": np.repeat(self.faults.scalar_bias_m[fault], self.rows),
+            "method": _Texts(method, self._names),
+            **({} if self.axes == (VERTICAL,) else axis),
+            "draws": np.repeat(draws[place], self.rows),
+        }
+
+    @functools.cached_property
+    def _names(self) -> list[str]:
+        """Names of the methods, which methods make anew whenever they are asked."""
+        return [method.name for method in self.methods]
 
     @property
     def _counts(self) -> list[str]:
@@ -233,6 +244,31 @@ class SweepTask:
             draws[rows] += self.plan.draws_of(chunk)
             total[rows] += counts
         return PartCounts(number, np.arange(first, stop), draws, total)
+
+
+@dataclass(frozen=True)
+class _Texts:
+    """A column of texts of which many are the same: which of ``texts`` stands in each row."""
+
+    index: NDArray[np.int64]
+    texts: Sequence[str]
+
+    def stored(self) -> object:
+        """As it is stored: each text once, unless two of them are the same."""
+        texts = list(self.texts)
+        if len(set(texts)) == len(texts):
+            return pd.Categorical.from_codes(self.index, texts)
+        return np.array(texts, dtype=object)[self.index]
+
+
+def _same(column: pa.ChunkedArray, planned: NDArray[np.int64] | NDArray[np.float64] | _Texts) -> bool:
+    """Whether a stored column is the planned one; texts may be stored in any way."""
+    if isinstance(planned, _Texts):
+        texts = pa.array(list(planned.texts), pa.string()).take(pa.array(planned.index))
+        return bool(column.cast(pa.string()).equals(pa.chunked_array([texts])))
+    # A number that is none is stored as a missing one, which among whole numbers makes others of them.
+    values = column.to_numpy() if column.type == pa.from_numpy_dtype(planned.dtype) else None
+    return values is not None and values.dtype == planned.dtype and np.array_equal(values, planned, equal_nan=True)
 
 
 class Engine(Protocol):
