@@ -13,7 +13,6 @@ from typing import Any, ClassVar, Protocol
 
 import jax
 import numpy as np
-import pandas as pd
 import pyarrow as pa
 from numpy.typing import NDArray
 
@@ -152,13 +151,13 @@ class SweepTask:
     def part_rows(self, part: PartCounts) -> pa.Table:
         """A part as a table, one row for each epoch, fault, method and axis; the vertical alone goes without saying."""
         place, slot = self._cases(part.places)
-        columns: dict[str, object] = {
-            name: column.stored() if isinstance(column, _Texts) else column
+        flat = part.counts[place, slot].reshape(len(place) * self.rows, len(self.events))
+        # A data frame in between would take more than half of the time, and its description much of a small file.
+        columns = {
+            name: column.stored() if isinstance(column, _Texts) else pa.array(column, from_pandas=True)
             for name, column in self._planned(part.places, part.draws).items()
         }
-        flat = part.counts[place, slot].reshape(len(place) * self.rows, len(self.events))
-        table = pd.DataFrame(columns | {name: flat[:, k] for k, name in enumerate(self._counts)})
-        return pa.Table.from_pandas(table, preserve_index=False)
+        return pa.table(columns | {name: pa.array(flat[:, k]) for k, name in enumerate(self._counts)})
 
     def part_of(self, number: int, rows: pa.Table) -> PartCounts:
         """The part behind its rows; a `KeyError`, `TypeError` or `ValueError` where they are not those of one."""
@@ -253,12 +252,12 @@ class _Texts:
     index: NDArray[np.int64]
     texts: Sequence[str]
 
-    def stored(self) -> object:
+    def stored(self) -> pa.Array:
         """As it is stored: each text once, unless two of them are the same."""
-        texts = list(self.texts)
-        if len(set(texts)) == len(texts):
-            return pd.Categorical.from_codes(self.index, texts)
-        return np.array(texts, dtype=object)[self.index]
+        texts = pa.array(list(self.texts), pa.string())
+        if len(set(self.texts)) == len(self.texts):
+            return pa.DictionaryArray.from_arrays(pa.array(self.index.astype(np.int32)), texts)
+        return texts.take(pa.array(self.index))
 
 
 def _same(column: pa.ChunkedArray, planned: NDArray[np.int64] | NDArray[np.float64] | _Texts) -> bool:
