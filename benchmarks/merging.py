@@ -106,8 +106,7 @@ def _now_ms() -> np.ndarray:
 
 if __name__ == "__main__":
     jax.config.update("jax_enable_x64", True)
-    rows = []
     for count in map(int, sys.argv[1:]):
         with tempfile.TemporaryDirectory() as place:
-            rows.append(merged(count, Path(place, "parts")))
-        print(*(f"{name}={value:.6g}" for name, value in rows[-1].items()), flush=True)
+            found = merged(count, Path(place, "parts"))
+            print(*(f"{name}={value:.6g}" for name, value in found.items()), flush=True)

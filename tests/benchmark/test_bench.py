@@ -24,6 +24,7 @@ from pl_mc.benchmark.measure import Contestant, Rate, Ratio, measure
 from pl_mc.benchmark.problem import METHODS, ROBUST, reference_errors_m, reference_faults, reference_geometry
 from pl_mc.benchmark.run import LIMIT, NUMPY, SWEEP, Sizes, _busy_share, _notes, run_bench
 from pl_mc.benchmark.scaling import run_scaling, scaling, scaling_figure, scenario_counts
+from pl_mc.cli import running
 from pl_mc.engine.plan import SCENARIOS_PER_CALL
 from pl_mc.kernels.events import EVENTS
 from pl_mc.kernels.noise import LANES, epoch_key, unit_noise
@@ -413,3 +414,5 @@ def test_numbers_of_scenarios_are_read_as_people_write_them():
             scenario_counts(bad)
     with pytest.raises(pl_mc.InputError, match="scaling"):
         run_scaling([])
+    with pytest.raises(pl_mc.InputError, match="only the points of --scaling have parts"):
+        running.bench(parts=Path("parts"))

@@ -60,8 +60,8 @@ FORGED_ROWS: Mapping[str, Callable[[pd.DataFrame], pd.DataFrame]] = {
     "columns the other way round": lambda rows: rows[["fault", "epoch", *rows.columns[2:]]],
     "no bias": lambda rows: rows.assign(bias_m=np.nan),
     "draws that are no whole numbers": lambda rows: rows.assign(draws=rows.draws.astype(float)),
-    "a count that is missing": lambda rows: rows.assign(exceeded=rows.exceeded.astype("Int64").mask(rows.index == 3)),
-    "a fault that is missing": lambda rows: rows.assign(fault=rows.fault.astype(object).mask(rows.index == 3, None)),
+    "a count that is missing": lambda rows: rows.assign(exceeded=rows.exceeded.astype("Int64").mask(rows.index == 0)),
+    "a fault that is missing": lambda rows: rows.assign(fault=rows.fault.astype(object).mask(rows.index == 0, None)),
 }
 
 # What a part says of itself, of a form that no part has.
