@@ -282,9 +282,8 @@ def markdown(rows: list[dict[str, Any]]) -> str:
     lines = [list(COLUMNS.values())] + [
         [f"{value:.3g}" if isinstance(value, float) else str(value) for value in row.values()] for row in rows
     ]
-    width = [max(map(len, column)) for column in zip(*lines, strict=True)]
-    text = ["| " + " | ".join(cell.ljust(w) for cell, w in zip(line, width, strict=True)) + " |" for line in lines]
-    return "\n".join([text[0], "|" + "|".join("-" * (w + 2) for w in width) + "|", *text[1:]])
+    text = ["| " + " | ".join(line) + " |" for line in lines]
+    return "\n".join([text[0], "|---" * len(COLUMNS) + "|", *text[1:]])
 
 
 def machine() -> str:
@@ -325,8 +324,8 @@ def main() -> None:
         print(markdown(rows[-len(trees) :]), flush=True)
     parts = (
             "# The other loops", machine(),
-            f"Medians of {asked.rounds} processes for each tree, in turn, with {asked.calls} further calls each. An "
-            "answer is compared with that of the tree above it.",
+            f"Processes of each tree, in turn: {asked.rounds}; further calls of each: {asked.calls}; medians. An answer "
+            "is compared with that of the tree above it.",
             markdown(rows), "\n".join(f"- {one.name}: {one.what}." for one in loops),
     )  # fmt: skip
     text = "\n\n".join(parts)
