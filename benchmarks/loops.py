@@ -324,8 +324,8 @@ def main() -> None:
         print(markdown(rows[-len(trees) :]), flush=True)
     parts = (
             "# The other loops", machine(),
-            f"Processes of each tree, in turn: {asked.rounds}; further calls of each: {asked.calls}; medians. An answer "
-            "is compared with that of the tree above it.",
+            f"Processes of each tree, in turn: {asked.rounds}; further calls of each: {asked.calls}; medians. An "
+            "answer is compared with that of the tree above it.",
             markdown(rows), "\n".join(f"- {one.name}: {one.what}." for one in loops),
     )  # fmt: skip
     text = "\n\n".join(parts)
