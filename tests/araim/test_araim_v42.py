@@ -281,3 +281,34 @@ def test_geometries_without_satellites_or_with_few_have_no_levels(exclusion):
     assert np.isinf(levels.vpl_m[1:]).all()
     assert levels.vpl_m[0] == pytest.approx(alone.vpl_m, rel=1e-12)
     assert levels.modes()["geometry"].unique().tolist() in ([0], [0, 2])
+
+
+@pytest.mark.parametrize("exclusion", [None, "satellites", "constellations"])
+def test_rows_out_of_view_decide_nothing(exclusion):
+    """With a row for every satellite, in view or not, levels are those of the rows in view; modes keep their rows."""
+    rows = np.sort(np.stack([np.random.default_rng(seed).permutation(N + 5)[:N] for seed in (1, 2)]))
+    wide = {"in_view": np.zeros((2, N + 5), dtype=bool), "design": np.full((2, N + 5, G.design.shape[1]), np.nan)}
+    wide |= {
+        "c_int": np.full((2, N + 5), np.nan),
+        "systems": np.full((2, N + 5), "G"),
+        "names": np.full((2, N + 5), "G99"),
+    }
+    for k, own in enumerate(rows):
+        wide["in_view"][k, own], wide["design"][k, own], wide["c_int"][k, own] = True, G.design, G.sigma_m**2
+        wide["systems"][k, own], wide["names"][k, own] = G.systems, G.names
+    ism = dataclasses.replace(ISM, r_sat_per_h={"G": 1e-5, "E": 2e-5, G.names[2]: 4e-5})
+    one = protection_levels(**GIVEN | {"ism": ism}, exclusion=exclusion)
+    found = protection_levels(**wide, ism=ism, standard="v4.2", exclusion=exclusion)
+    for k, own in enumerate(rows):
+        for field in ("vpl_m", "hpl_m", "emt_m", "hpl_plane_m", "p_not_monitored", "probability", "threshold_m"):
+            np.testing.assert_array_equal(getattr(found, field)[k], getattr(one, field), err_msg=field)
+        np.testing.assert_array_equal(found.excluded[k][:, own], one.excluded)
+        assert found.excluded[k].sum() == one.excluded.sum()
+        if one.positions is None or found.positions is None:
+            continue
+        last = N + 6 + np.arange(one.positions.there.size - N - 1)
+        place = np.concatenate([[0], 1 + own, last])
+        assert found.positions.there[k].sum() == one.positions.there.sum()
+        for field in ("there", "vpl_m", "hpl_m", "sigma_v_acc_m"):
+            np.testing.assert_array_equal(getattr(found.positions, field)[k][place], getattr(one.positions, field))
+        np.testing.assert_array_equal(found.positions.excluded[k][place][:, own], one.positions.excluded)

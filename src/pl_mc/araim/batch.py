@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
@@ -55,6 +55,22 @@ class Batch:
         """(g, n), what each row is called: its name, or its letter and place."""
         place = np.char.add(self.systems, [f"#{k + 1}" for k in range(self.systems.shape[1])])
         return np.where(self.names == "", np.where(self.in_view, place, ""), self.names)
+
+    def rows_in_view_first(self) -> NDArray[np.intp] | None:
+        """(g, w), the rows in view of each geometry, in their order, and others up to the most of any; None for all."""
+        width = max(1, int(self.in_view.sum(axis=1).max()))
+        if width == self.in_view.shape[1]:
+            return None
+        return np.argsort(~self.in_view, axis=1, kind="stable")[:, :width]
+
+    def of_rows(self, rows: NDArray[np.intp]) -> Batch:
+        """With these rows (g, w) of each geometry alone."""
+        picked: dict[str, Any] = {
+            name: np.take_along_axis(value, rows if value.ndim == 2 else rows[..., None], axis=1)
+            for name, value in vars(self).items()
+            if isinstance(value, np.ndarray)
+        }
+        return replace(self, **picked)
 
 
 def as_batch(

@@ -95,7 +95,10 @@ def protection_levels(
     budget = (LPV_200_V42 if standard == V42 else LPV_200) if budget is None else as_budget(budget)
     require_standard(standard, budget)
     _require_effect(standard, budget, unmonitored, exclusion, estimator, order, modes)
-    batch = as_batch(design, c_int, c_acc, systems, b_nom, p_sat, p_const, budget, in_view, ism, names, noise_m2)
+    whole = as_batch(design, c_int, c_acc, systems, b_nom, p_sat, p_const, budget, in_view, ism, names, noise_m2)
+    # Rows out of view decide nothing: without them patterns are few, and their modes are found once for each.
+    rows = None if modes is not None else whole.rows_in_view_first()
+    batch = whole if rows is None else whole.of_rows(rows)
     if modes is not None:
         found, pattern = _given(batch, modes, standard)
     elif standard == V3:
@@ -111,16 +114,20 @@ def protection_levels(
     if excluded is not None and there is not None:
         positions = _after_exclusions(batch, found, pattern, excluded, there, budget, estimator)
         worst = {field: getattr(positions, field).max(axis=1, where=there, initial=0.0) for field in worst}
-    spoiled, prior, exposure = (array[pattern] for array in stacked(found))
+    spoiled, prior, exposure = stacked(found)
+    spoiled, prior, exposure = spoiled[pattern], prior[pattern], exposure[pattern]
+    if rows is not None:
+        spoiled = _spread_rows(spoiled, rows, whole.in_view.shape[1])
+        positions = positions and _spread_positions(positions, rows, whole.in_view.shape[1])
     horizontal = {}
     if levels.horizontal_m is not None:
         horizontal = dict(zip(("hpl_norm_m", "hpl_plane_m", "hpl_plane_coded_m"), levels.horizontal_m, strict=True))
     arrays = {
         **worst, **horizontal, "hpl_east_m": levels.level_m[EAST], "hpl_north_m": levels.level_m[NORTH],
         "p_not_monitored": levels.p_not_monitored, "available": levels.available, "excluded": spoiled,
-        "probability": prior, "threshold_m": levels.threshold_m, "satellites": batch.satellites, "exposure": exposure,
+        "probability": prior, "threshold_m": levels.threshold_m, "satellites": whole.satellites, "exposure": exposure,
     }  # fmt: skip
-    if batch.single:
+    if whole.single:
         arrays = {field: values[0] for field, values in arrays.items()}
         positions = positions and PositionLevels(**{field: values[0] for field, values in vars(positions).items()})
     return AraimLevels(**arrays, positions=positions)
@@ -145,10 +152,36 @@ def _after_exclusions(
     for first in range(0, len(there), _TOGETHER):
         part = np.arange(first, min(first + _TOGETHER, len(there)))
         positions = positions_after(part, excluded[part], there[part], found, pattern[part])
-        levels = solve(batch, positions, budget, estimator, thresholds=False)
+        levels = solve(batch, positions, budget, estimator, whole=False)
         for field, values in _largest_of(levels).items():
             every.setdefault(field, np.full(there.shape, np.inf))[part[0] : part[-1] + 1][there[part]] = values
     return PositionLevels(excluded, there, **every)
+
+
+def _spread_rows(packed: NDArray[np.bool_], rows: NDArray[np.intp], n: int) -> NDArray[np.bool_]:
+    """(g, k, n), what is said of some rows (g, w) of each geometry (g, k, w); nothing of the others."""
+    found = np.zeros((*packed.shape[:2], n), dtype=bool)
+    np.put_along_axis(found, np.broadcast_to(rows[:, None], packed.shape), packed, axis=2)
+    return found
+
+
+def _spread_positions(packed: PositionLevels, rows: NDArray[np.intp], n: int) -> PositionLevels:
+    """The levels of all positions with a place for every row: all in view, without each row, each constellation."""
+    g, width = rows.shape
+    more = packed.there.shape[1] - 1 - width
+    last = np.broadcast_to(1 + n + np.arange(more), (g, more))
+    place = np.concatenate([np.zeros((g, 1), dtype=np.intp), 1 + rows, last], axis=1)
+
+    def spread(values: NDArray[Any], nothing: Any) -> NDArray[Any]:
+        found = np.full((g, 1 + n + more, *values.shape[2:]), nothing)
+        found[np.arange(g)[:, None], place] = values
+        return found
+
+    levels = {name: values for name, values in vars(packed).items() if name not in ("excluded", "there")}
+    return PositionLevels(
+        spread(_spread_rows(packed.excluded, rows, n), False), spread(packed.there, False),
+        **{name: spread(values, np.inf) for name, values in levels.items()},
+    )  # fmt: skip
 
 
 def _require_effect(

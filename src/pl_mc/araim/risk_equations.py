@@ -110,8 +110,9 @@ class Levels:
 
 
 def solve_levels(
-    whole: Whole, modes: Subsets, priors: Priors, given: Figures, bias_ratio_continuity: Array | None = None
-) -> Levels:
+    whole: Whole, modes: Subsets, priors: Priors, given: Figures, bias_ratio_continuity: Array | None = None,
+    horizontal_wanted: Array | None = None,
+) -> Levels:  # fmt: skip
     """Thresholds and levels (equations of K_fa, T, VPL, HPL, EMT and sigma_acc).
 
     A mode without a solution has no test: in v3.0 its prior joins what is not monitored, and over an exposure it is
@@ -122,6 +123,7 @@ def solve_levels(
         priors: of the modes.
         given: figures of the operation's budget.
         bias_ratio_continuity: (n, g), b_acc over sigma, which widens the thresholds; none unless given.
+        horizontal_wanted: (), whether the other horizontal levels are; if not they are zero, and cost nothing.
     """
     probability = priors.instant
     dtype = probability.dtype
@@ -157,7 +159,14 @@ def solve_levels(
     caps = None if cap is None else jnp.concatenate([jnp.ones_like(share)[None], cap])
     horizontal = None
     if priors.exposure is not None:
-        found = _horizontal_levels(sigma[:UP], shift[:UP], weight, caps, risk[EAST])
+
+        def further() -> Array:
+            return _horizontal_levels(sigma[:UP], shift[:UP], weight, caps, risk[EAST])
+
+        if horizontal_wanted is None:
+            found = further()
+        else:
+            found = jax.lax.cond(horizontal_wanted, further, lambda: jnp.zeros((3, *share.shape), dtype))
         horizontal = jnp.where(there[EAST], found, jnp.inf)
     level = protection_level(sigma, shift, weight, risk, caps)
     probable = monitored & (probability >= figure.p_emt)

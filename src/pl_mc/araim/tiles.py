@@ -74,8 +74,8 @@ def stacked(lists: Sequence[FaultModes]) -> tuple[NDArray[np.bool_], FloatArray,
     return excluded, prior, exposure
 
 
-def solve(batch: Batch, positions: Positions, budget: Budget, estimator: str, *, thresholds: bool = True) -> Solved:
-    """The levels of positions, which run along the last axis, with thresholds or without."""
+def solve(batch: Batch, positions: Positions, budget: Budget, estimator: str, *, whole: bool = True) -> Solved:
+    """The levels of positions, which run along the last axis; if not ``whole`` no thresholds and one HPL."""
     number = len(positions.geometry)
     numbers = np.array([len(modes.probability) for modes in positions.modes])
     most, widths = max(1, int(numbers.max())), _widths(numbers)
@@ -87,8 +87,8 @@ def solve(batch: Batch, positions: Positions, budget: Budget, estimator: str, *,
     timed = positions.modes[0].exposure is not None
     scalars = {field: np.empty(number) for field in ("emt_m", "sigma_v_acc_m", "p_not_monitored")}
     level, available = np.empty((3, number)), np.empty(number, dtype=bool)
-    horizontal = np.empty((3, number)) if timed else None
-    threshold = np.full((number if thresholds else 0, most, 3), np.inf)
+    horizontal = np.empty((3, number)) if timed and whole else None
+    threshold = np.full((number if whole else 0, most, 3), np.inf)
     with_bias = bool(batch.b_acc.any())
 
     def run(part: tuple[int, NDArray[np.intp]]) -> Levels:
@@ -103,7 +103,8 @@ def solve(batch: Batch, positions: Positions, budget: Budget, estimator: str, *,
         )  # fmt: skip
         arrays = tuple(None if array is None else _tiled(array, tiles) for array in (*rows, *modes))
         with precision_scope("float64"):
-            return jax.tree.map(np.asarray, _solve(figures(budget, width), *arrays, estimator=estimator))
+            levels = _solve(figures(budget, width), np.bool_(whole), *arrays, estimator=estimator)
+            return jax.tree.map(np.asarray, levels)
 
     for (width, places), levels in in_order(run, _parts(widths[positions.place]), cores()):
         kept = slice(0, len(places))
@@ -113,7 +114,7 @@ def solve(batch: Batch, positions: Positions, budget: Budget, estimator: str, *,
         level[:, places] = _flat(levels.level_m)[:, kept]
         if horizontal is not None and levels.horizontal_m is not None:
             horizontal[:, places] = _flat(levels.horizontal_m)[:, kept]
-        if thresholds:
+        if whole:
             shared = min(width, most)
             threshold[places, :shared] = _flat(levels.threshold_m)[:, :shared, kept].transpose(2, 1, 0)
     return Solved(level_m=level, threshold_m=threshold, available=available, horizontal_m=horizontal, **scalars)
@@ -168,7 +169,7 @@ def _flat(given: Array) -> NDArray:
 
 @functools.partial(jax.jit, static_argnames="estimator")
 def _solve(
-    given: Figures, design: Array, in_view: Array, bias_ratio: Array, accuracy_ratio: Array,
+    given: Figures, horizontal: Array, design: Array, in_view: Array, bias_ratio: Array, accuracy_ratio: Array,
     bias_ratio_continuity: Array | None, excluded: Array, prior: Array, unknown: Array, exposure: Array | None,
     share: Array | None, *, estimator: str,
 ) -> Levels:  # fmt: skip
@@ -176,6 +177,7 @@ def _solve(
 
     Args:
         given: figures of the budget.
+        horizontal: (), whether further horizontal levels are wanted.
         design: (tiles, n, t, g), whitened; in_view: (tiles, n, g).
         bias_ratio, accuracy_ratio: (tiles, n, g), nominal bias over sigma, accuracy over integrity variance.
         bias_ratio_continuity: (tiles, n, g), b_acc over sigma, or None.
@@ -188,7 +190,8 @@ def _solve(
         whole, modes = fit_subsets(rows, seen, out, bias, accuracy)
         if estimator == ADJUSTED:
             whole, modes = adjusted(whole, modes, p, bias, accuracy, jnp.asarray(given.sigma_acc_m))
-        return solve_levels(whole, modes, Priors(p, p_not_monitored, p_exposure, part), given, bias_continuity)
+        priors = Priors(p, p_not_monitored, p_exposure, part)
+        return solve_levels(whole, modes, priors, given, bias_continuity, horizontal)
 
     tiles = (
         design, in_view, bias_ratio, accuracy_ratio, bias_ratio_continuity, excluded, prior, unknown, exposure, share,

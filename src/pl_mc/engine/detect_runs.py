@@ -9,7 +9,7 @@ from __future__ import annotations
 import math
 from collections import Counter
 from collections.abc import Callable, Iterator, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from itertools import groupby
 from typing import Any
 
@@ -150,6 +150,7 @@ def calibrate(
     cut = _cut(len(series), draws, most=_STATISTICS_PER_CALL // (tests * LANES), noise_from=_CALIBRATION_BLOCK)
 
     def statistics(chunk: Chunk, first_block: np.int32, *others: np.int32) -> tuple[Array, Array]:
+        # One compiled function for the draws that find thresholds and for those that measure them.
         return _statistics(
             _batch(series, cut.places(chunk), options), np.uint32(options.seed), first_block, tests=options.tests,
             p_fa=options.p_fa, blocks=cut.blocks_per_call,
@@ -165,16 +166,20 @@ def calibrate(
     thresholds = np.concatenate(parts)[: len(series)]
     if defined is not None:
         thresholds = np.where(defined[:, :, None], thresholds, np.nan)
-    none = np.zeros((len(series), 1, series.sigma_m.shape[1]))
-    alarms = power_counts(
-        series, none, np.ones((len(series), 1), bool), thresholds, options, draws=draws, first_block=_CHECK_BLOCK
-    )
-    return Calibration(thresholds, alarms[:, 0, :, :, 0], draws)
+    alarms = np.zeros(thresholds.shape, dtype=np.int64)
+    limits = thresholds.astype(dtype_of(options.precision))
+    fresh = replace(cut, noise_from=_CHECK_BLOCK)
+    for chunk, (values, _) in _results(fresh, statistics, options, "False alarms"):
+        here = slice(chunk.first_epoch, chunk.stop_epoch)
+        drawn = values[: chunk.size, :, : fresh.draws_of(chunk)]
+        for level in range(len(LEVELS)):
+            alarms[here, :, level] += (drawn > limits[here, :, level, None]).sum(axis=-1)
+    return Calibration(thresholds, alarms, draws)
 
 
 def power_counts(
     series: Geometry, bias_m: FloatArray, applies: NDArray[np.bool_], thresholds: FloatArray, options: Options, *,
-    draws: int, first_block: int = 0, drawn: DrawnRows | None = None,
+    draws: int, drawn: DrawnRows | None = None,
 ) -> NDArray[np.int64]:  # fmt: skip
     """(e, f, tests, levels, 2), detections, and those of them whose suspect is faulted.
 
@@ -182,11 +187,11 @@ def power_counts(
         series: e epochs.
         bias_m: (e, f, n), bias vectors over the rows of each epoch [m]; applies: (e, f), which of them count.
         thresholds: (e, tests, levels).
-        draws: noise draws at each epoch, the same for all faults; first_block: where their noise begins.
+        draws: noise draws at each epoch, the same for all faults.
         drawn: (e, f, n), what is drawn of the biases, beside ``bias_m``.
     """
     faults = bias_m.shape[1]
-    cut = _cut(len(series), draws, most=_SCENARIOS_PER_CALL // (faults * LANES), noise_from=first_block)
+    cut = _cut(len(series), draws, most=_SCENARIOS_PER_CALL // (faults * LANES))
 
     def count(chunk: Chunk, *noise: np.int32) -> Array:
         places = cut.places(chunk)
@@ -239,7 +244,7 @@ def _batch(
     )
 
 
-def _cut(epochs: int, draws: int, *, most: int, noise_from: int) -> Cut:
+def _cut(epochs: int, draws: int, *, most: int, noise_from: int = 0) -> Cut:
     """Calls of at most so many blocks of noise, over all their epochs, with equally many epochs in each."""
     blocks = math.ceil(draws / LANES)
     epochs_at_most = max(1, most // blocks)

@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+import functools
+import itertools
+from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import replace
 from typing import Any
 
@@ -16,7 +18,7 @@ from pl_mc.alert import LPV_200, AlertLimits, as_axis
 from pl_mc.arrays import ordinary_arithmetic
 from pl_mc.engine.calls import Chunk, run_calls
 from pl_mc.engine.checks import LARGEST_DRAWS, LARGEST_SEED, require_errors, require_geometry_and_alert, require_inputs
-from pl_mc.engine.core import block_outcomes
+from pl_mc.engine.core import EpochBatch, block_outcomes
 from pl_mc.engine.plan import make_plan
 from pl_mc.faults import Faults
 from pl_mc.geometry.record import EAST, NORTH, UP, Geometry
@@ -30,8 +32,9 @@ from pl_mc.methods import Method, Outcome, as_methods
 from pl_mc.noise_models import GAUSSIAN, NoiseModel, as_noise_model
 from pl_mc.runtime.precision import dtype_of, precision_scope
 
-# Epochs that are solved together.
+# Epochs that are solved together; blocks of draws whose outcomes are made one table.
 _EPOCHS_AT_ONCE = 512
+_BLOCKS_AT_ONCE = 64
 
 OUTCOME_COLUMNS = ("east_m", "north_m", "up_m", "hpl_m", "vpl_m", "available", "alarm", "unconverged", "tied")
 EXCLUDED = "excluded"
@@ -77,32 +80,50 @@ def sample(
     draws = require_whole(draws, field="draws", low=1, high=LARGEST_DRAWS)
     seed = require_whole(seed, field="seed", low=0, high=LARGEST_SEED)
     chosen, shaped = as_methods(methods, g), as_noise_model(noise, g)
-    plan = make_plan(g, faults, draws).block_by_block()
+    plan, dtype = make_plan(g, faults, draws).block_by_block(), dtype_of(precision)
+
+    @functools.lru_cache(maxsize=1)
+    def batch_from(first_epoch: int) -> EpochBatch:
+        return plan.batch(Chunk(first_epoch, min(first_epoch + plan.epochs_per_call, plan.epoch_count), 0), dtype)
 
     def solved(chunk: Chunk, block: np.int32, *others: np.int32) -> list[Outcome]:
-        batch = plan.batch(chunk, dtype_of(precision))
-        return _block_outcomes(batch, np.uint32(seed), block, as_trees(chosen), noise_model=shaped)
+        return _block_outcomes(
+            batch_from(chunk.first_epoch), np.uint32(seed), block, as_trees(chosen), noise_model=shaped
+        )
 
     parts = []
-    for chunk, outcomes in run_calls(plan, solved, precision=precision):
-        place, slot, lane = scenario = np.nonzero(plan.scenarios(chunk)[:, 0])
-        row = chunk.first_epoch + place
+    for chunks, found in _groups(run_calls(plan, solved, precision=precision)):
+        outcomes = jax.tree.map(lambda *blocks: np.stack(blocks), *found)
+        first = np.array([chunk.first_block for chunk in chunks])
+        block, place, slot, lane = scenario = np.nonzero([plan.scenarios(chunk)[:, 0] for chunk in chunks])
+        row = chunks[0].first_epoch + place
         fault = plan.fault_index[row, slot]
+        group = []
         for method, outcome in zip(chosen, outcomes, strict=True):
             keys: dict[str, Any] = {
                 "epoch": plan.geometry.epoch[plan.epochs[row]],
                 "fault": np.array(faults.labels, dtype=object)[fault],
                 "bias_m": faults.scalar_bias_m[fault],
                 "method": method.name,
-                "draw": chunk.first_block * LANES + lane,
+                "draw": first[block] * LANES + lane,
             }
             # Components of the error stand between the fault axis and the lanes.
-            moved = replace(outcome, error_m=np.moveaxis(outcome.error_m, 2, 0))
+            moved = replace(outcome, error_m=np.moveaxis(outcome.error_m, 3, 0))
             columns = _columns(moved, method.name, alert, axis, (..., *scenario))
-            parts.append(pd.DataFrame(keys | columns | _excluded(plan.geometry, plan.epochs[row], outcome, scenario)))
+            group.append(pd.DataFrame(keys | columns | _excluded(plan.geometry, plan.epochs[row], outcome, scenario)))
+        # Block by block, and in a block method by method.
+        order = np.argsort(np.tile(block, len(group)), kind="stable")
+        parts.append(group[0] if len(group) == 1 else pd.concat(group, ignore_index=True).iloc[order])
     if not parts:
         return pd.DataFrame(columns=["epoch", "fault", "bias_m", "method", "draw", *OUTCOME_COLUMNS])
     return _together(parts)
+
+
+def _groups(calls: Iterable[tuple[Chunk, list[Outcome]]]) -> Iterator[tuple[list[Chunk], list[list[Outcome]]]]:
+    """Some blocks of the same epochs together: a table for each of them would cost more than its draws."""
+    for _, of_epochs in itertools.groupby(calls, key=lambda call: call[0].first_epoch):
+        while some := list(itertools.islice(of_epochs, _BLOCKS_AT_ONCE)):
+            yield [chunk for chunk, _ in some], [outcomes for _, outcomes in some]
 
 
 @ordinary_arithmetic

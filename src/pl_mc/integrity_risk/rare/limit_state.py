@@ -31,9 +31,11 @@ from pl_mc.runtime.precision import precision_scope
 
 RISK_EVENTS = ("missed", "misleading", "exceeded", "alarm")
 
-# Scenarios per call and per tile of a call: enough to hide a call's cost, tiles that stay in the cache.
-POINTS_PER_CALL = 1024
+# Scenarios per tile of a call, which stay in the cache; points that are turned into noise together; and the most of a
+# call, which computes as many tiles as it was given points for: enough to hide what a call costs besides.
 _TILE = 512
+POINTS_TOGETHER = 1024
+_POINTS_PER_CALL = 8 * POINTS_TOGETHER
 
 # From outcomes, the alert limits of an axis [m], the event and the axis to a number each.
 OfOutcome = Callable[[Outcome, Array, Any, str], Array]
@@ -182,11 +184,16 @@ class EpochState(InCoordinates):
         static["one_clock_per_row"] = self._one_clock_per_row
         values, methods = np.empty(len(points)), as_trees((self.method,))
         with precision_scope("float64"):
-            for start in range(0, len(points), POINTS_PER_CALL):
-                some = points[start : start + POINTS_PER_CALL]
-                noise = np.zeros((POINTS_PER_CALL, rows.shape[0]))
-                noise[: len(some)] = some @ rows.T
-                found = _values(*arrays, noise, limits_m, event, methods, **static)
+            for start in range(0, len(points), _POINTS_PER_CALL):
+                some = points[start : start + _POINTS_PER_CALL]
+                noise = np.zeros((_POINTS_PER_CALL, rows.shape[0]))
+                # Small products, which no library shares among threads.
+                for first in range(0, len(some), POINTS_TOGETHER):
+                    noise[first : first + POINTS_TOGETHER][: len(some) - first] = (
+                        some[first : first + POINTS_TOGETHER] @ rows.T
+                    )
+                tiles = np.int32(-(-len(some) // _TILE))
+                found = _values(*arrays, noise, tiles, limits_m, event, methods, **static)
                 values[start : start + len(some)] = np.asarray(found)[: len(some)]
         return values
 
@@ -207,39 +214,36 @@ class LimitState(EpochState):
 
     def unconverged(self, points: FloatArray) -> NDArray[np.bool_]:
         """(N,), whether the last iteration at points (N, dimension) still moved the position by more than 1 cm."""
-        return self.computed(points, _unconverged, np.int32(0), self.noise) > 0
+        return self.computed(points, _by_place, np.int32(len(RISK_EVENTS)), self.noise) > 0
 
 
 @functools.partial(jax.jit, static_argnames=("of", "noise_model", "axis", "one_clock_per_row"))
 def _values(
-    design: Array, sigma_m: Array, in_view: Array, satellite: Array | None, bias_m: Array, noise: Array,
+    design: Array, sigma_m: Array, in_view: Array, satellite: Array | None, bias_m: Array, noise: Array, tiles: Array,
     limits_m: Array, event: Array, methods: Trees, *, of: OfOutcome, noise_model: NoiseModel, axis: str,
     one_clock_per_row: bool,
 ) -> Array:  # fmt: skip
-    """(N,), what ``of`` makes of the outcomes of standard normal numbers (N, k n)."""
+    """(N,), what ``of`` makes of the outcomes of standard normal numbers (N, k n); zero after so many tiles."""
     (method,) = of_trees(methods)
     model = linear_model(design, sigma_m, in_view, one_clock_per_row=one_clock_per_row, satellite=satellite)
     prepared = method.prepare(model)
     rows = sigma_m.shape[0]
 
-    def one_tile(tile: Array) -> Array:
-        numbers = tile.T
-        units = [numbers[k * rows : (k + 1) * rows] for k in range(noise_model.inputs_per_row)]
+    def one_tile(k: Array, values: Array) -> Array:
+        numbers = jax.lax.dynamic_slice_in_dim(noise, k * _TILE, _TILE).T
+        units = [numbers[j * rows : (j + 1) * rows] for j in range(noise_model.inputs_per_row)]
         errors = noise_model.shape(model, units) * sigma_m[:, None] + bias_m[:, None]
-        return of(method.solve(model, prepared, start_from(model, errors)), limits_m, event, axis)
+        found = of(method.solve(model, prepared, start_from(model, errors)), limits_m, event, axis)
+        return jax.lax.dynamic_update_slice_in_dim(values, found, k * _TILE, 0)
 
-    return jax.lax.map(one_tile, noise.reshape(-1, _TILE, noise.shape[1])).reshape(-1)
-
-
-def _unconverged(outcome: Outcome, limits_m: Array, event: Array, axis: str) -> Array:
-    """One where the iteration has not settled."""
-    return unconverged(outcome).astype(outcome.vpl_m.dtype)
+    return jax.lax.fori_loop(0, tiles, one_tile, jnp.zeros(noise.shape[0], noise.dtype))
 
 
 def _by_place(outcome: Outcome, limits_m: Array, event: Array, axis: str) -> Array:
-    """The limit state of an event by its place in `RISK_EVENTS`."""
+    """The limit state of an event by its place in `RISK_EVENTS`; after the last, one where nothing has settled."""
     # All of them cost next to nothing, and one compiled function serves every event.
-    return jnp.stack([limit_state(outcome, limits_m, name, axis) for name in RISK_EVENTS])[event]
+    states = [limit_state(outcome, limits_m, name, axis) for name in RISK_EVENTS]
+    return jnp.stack([*states, unconverged(outcome).astype(outcome.vpl_m.dtype)])[event]
 
 
 def limit_state(outcome: Outcome, limits_m: Array | float, event: str, axis: str = VERTICAL) -> Array:

@@ -17,8 +17,10 @@ from pl_mc.arrays import FloatArray
 # Degrees of freedom of the fitted components: tails that forgive a misfit, at a small price where there is none.
 STUDENT_DOF = 8.0
 _ROUNDS = 6
-# Points that are whitened at once: they stay in the cache.
+# Points that are whitened at once: they stay in the cache. And multiplications of one product, above which OpenBLAS
+# shares it among threads: each of these products is done before the threads have met, and rows have threads anyway.
 _BLOCK = 256
+_ONE_THREAD = 2**18
 
 
 @dataclass(frozen=True)
@@ -60,8 +62,9 @@ class Mixture:
         whiten = inverse.reshape(k * d, d)
         offset = np.einsum("kij,kj->ki", inverse, self.mean).reshape(-1, 1)
         distances = np.empty((k, len(points)))
-        for start in range(0, len(points), _BLOCK):
-            block = slice(start, start + _BLOCK)
+        size = int(np.clip(_ONE_THREAD // (k * d * d), 8, _BLOCK))
+        for start in range(0, len(points), size):
+            block = slice(start, start + size)
             white = whiten @ points[block].T
             white -= offset
             white *= white

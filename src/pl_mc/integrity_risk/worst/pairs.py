@@ -21,7 +21,7 @@ from pl_mc.arrays import FloatArray
 from pl_mc.engine.checks import LARGEST_SEED
 from pl_mc.faults import Faults
 from pl_mc.geometry.record import Geometry
-from pl_mc.integrity_risk.rare.limit_state import FAR_M, POINTS_PER_CALL, LimitState, all_axes, rotation
+from pl_mc.integrity_risk.rare.limit_state import FAR_M, POINTS_TOGETHER, LimitState, all_axes, rotation
 from pl_mc.integrity_risk.rare.subset import climb
 from pl_mc.integrity_risk.worst.search import (
     Estimator,
@@ -75,7 +75,7 @@ class Screen:
         n = len(g.names)
         axes = all_axes(np.ones(n, dtype=bool), 1)
         limit = LimitState.of(g.as_series(), 0, np.zeros(n), method, event, alert, axes, axis)
-        return cls(limit, rng.standard_normal((POINTS_PER_CALL, n)), int(rng.integers(LARGEST_SEED)))
+        return cls(limit, rng.standard_normal((POINTS_TOGETHER, n)), int(rng.integers(LARGEST_SEED)))
 
     def counted(self, bias_m: FloatArray) -> tuple[FloatArray, NDArray[np.int64]]:
         """Of faults (f, n) [m] the logarithm of a guess of the probability (f,), and the events (f,) behind it."""
