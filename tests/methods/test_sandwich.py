@@ -195,6 +195,7 @@ def test_one_clock_for_all_moves_no_level() -> None:
         np.testing.assert_allclose(other.vpl_m, one.vpl_m, rtol=1e-6)
 
 
+@pytest.mark.counting
 def test_it_sweeps_solves_and_is_calibrated() -> None:
     methods = [Huber(level_scale="floored"), Huber(level_scale="floored", covariance="sandwich")]
     assert methods[1].name == "huber(level_scale=floored,covariance=sandwich)"
