@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import ctypes
 import gc
 import importlib
 import importlib.util
@@ -22,6 +23,28 @@ import jax
 import psutil
 import pytest
 from hypothesis import HealthCheck, settings
+
+# Most of the time of a full compilation of the suite is the compiler's. Its quick way takes a seventh of that and
+# makes code that runs four times as long, the middle one half of it and runs as fast (JAX 0.10, IGG-III); last bits
+# may differ. A file or a test says which way is its own: the ``quick`` one unless marked, ``counting`` where it runs
+# long, ``optimised``, as users compile, where it is about bits, precision or speed. Processes that tests start compile
+# quickly, by their environment, and have the bits of the quick way. The variable takes one way for all. A function is
+# compiled in one piece: pieces are for more cores than one.
+SIMPLE = {"xla_cpu_use_fusion_emitters": False, "xla_cpu_parallel_codegen_split_count": 1}
+WAYS: dict[str, dict[str, Any]] = {
+    "quick": {"xla_backend_optimization_level": 0, **SIMPLE},
+    "counting": {"xla_backend_optimization_level": 1, **SIMPLE},
+    "optimised": {
+        "xla_backend_optimization_level": 3,
+        "xla_cpu_use_fusion_emitters": True,
+        "xla_cpu_parallel_codegen_split_count": 32,
+    },
+}
+QUICK = next(iter(WAYS))
+WAY_VARIABLE = "PL_MC_TEST_COMPILER"
+FLAGS_VARIABLE = "XLA_FLAGS"
+OWN_FLAGS = [f"--{name}={str(value).lower()}" for name, value in WAYS[os.environ.get(WAY_VARIABLE) or QUICK].items()]
+os.environ[FLAGS_VARIABLE] = " ".join(dict.fromkeys([*os.environ.get(FLAGS_VARIABLE, "").split(), *OWN_FLAGS]))
 
 # The library never touches the caller's configuration; the tests are a caller that wants double precision. Those of
 # kernels and methods are strict about the promotion of types as well.
@@ -87,20 +110,9 @@ def data_folder() -> Path:
     return folder
 
 
-# Most of the time of a full compilation of the suite is the compiler's. Its quick way takes a seventh of that and
-# makes code that runs four times as long, the middle one half of it and runs as fast (JAX 0.10, IGG-III); last bits
-# may differ. A file or a test says which way is its own: the ``quick`` one unless marked, ``counting`` where it runs
-# long, ``optimised``, as users compile, where it is about bits, precision or speed or has processes of its own. The
-# variable takes one of them for all. A function is compiled in one piece: pieces are for more cores than one.
-SIMPLE = {"xla_cpu_use_fusion_emitters": False, "xla_cpu_parallel_codegen_split_count": 1}
-WAYS: dict[str, dict[str, Any]] = {
-    "quick": {"xla_backend_optimization_level": 0, **SIMPLE},
-    "counting": {"xla_backend_optimization_level": 1, **SIMPLE},
-    "optimised": {},
-}
-WAY_VARIABLE = "PL_MC_TEST_COMPILER"
 MUCH_BYTES = 1.0e9
-QUICK = next(iter(WAYS))
+# What the C library has of memory that is free goes back to the system, where it can be asked.
+TRIM: Any = getattr(ctypes.CDLL(None), "malloc_trim", lambda _: 0) if os.name == "posix" else lambda _: 0
 
 
 class Compilation:
@@ -133,6 +145,7 @@ class Compilation:
             jax.clear_caches()
             if psutil.Process().memory_info().rss > MUCH_BYTES:
                 gc.collect()
+                TRIM(0)
 
 
 COMPILATION = Compilation()

@@ -185,7 +185,7 @@ G = pl_mc.simulate(site="JFNG", constellations="ADD-24+24", epochs=1, error_mode
             "ism: p_const: there is no value for constellation E .valid: G",
         ),
         (
-            lambda: Araim(ism=OURS).prepare(linear_model(G.design, G.sigma_m)),
+            lambda: Araim(ism=OURS).prepare(jax.jit(linear_model)(G.design, G.sigma_m)),
             "araim: ism: this model names no satellites",
         ),
         (

@@ -68,9 +68,7 @@ def limit_program(folder: Path, *, dtype: str = "float64", printed: str = "5.000
     return place
 
 
-def test_the_suite_of_benchmarks_is_correct(monkeypatch):
-    # What is compiled in haste is as correct.
-    monkeypatch.setenv("JAX_DISABLE_MOST_OPTIMIZATIONS", "1")
+def test_the_suite_of_benchmarks_is_correct():
     command = [sys.executable, "-m", "pytest", "benchmarks", "-n", "0", "-q", "-p", "no:cacheprovider"]
     done = subprocess.run(command, cwd=ROOT, capture_output=True, text=True, check=False, timeout=250)
     assert done.returncode == 0, done.stdout[-3000:] + done.stderr[-3000:]

@@ -29,10 +29,10 @@ sys.meta_path.insert(0, Missing())
 
 def test_it_runs_in_seconds_with_few_libraries(tmp_path: Path) -> None:
     (tmp_path / "sitecustomize.py").write_text(MISSING)
-    quickly = {"XLA_FLAGS": "--xla_backend_optimization_level=0", "PYTHONPATH": str(tmp_path)}
+    few_libraries = {"PYTHONPATH": str(tmp_path)}
     done = subprocess.run(
         [sys.executable, str(SCRIPT), "--quick", "--out", str(tmp_path / "device.json")],
-        env=os.environ | quickly, capture_output=True, text=True, timeout=280, check=False,
+        env=os.environ | few_libraries, capture_output=True, text=True, timeout=280, check=False,
     )  # fmt: skip
     assert (done.returncode, done.stderr) == (0, "")
     found = json.loads(done.stdout)

@@ -22,9 +22,6 @@ from pl_mc.input_errors import InputError
 from reference import small_sweep as small
 from reference.small_sweep import assert_same, cut
 
-# Bits, across threads, parts and processes: as users compile.
-pytestmark = pytest.mark.optimised
-
 METHODS = ("ls",)
 
 

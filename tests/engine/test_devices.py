@@ -64,8 +64,10 @@ print(*alone["alarms"])
 """
 
 
+@pytest.mark.quick
 def test_two_devices_count_as_one():
-    environment = os.environ | {"XLA_FLAGS": "--xla_force_host_platform_device_count=2", "JAX_PLATFORMS": "cpu"}
+    flags = f"{os.environ['XLA_FLAGS']} --xla_force_host_platform_device_count=2"
+    environment = os.environ | {"XLA_FLAGS": flags, "JAX_PLATFORMS": "cpu"}
     done = subprocess.run(
         [sys.executable, "-W", "error", "-c", PROGRAM.format(tests=str(TESTS))],
         capture_output=True, text=True, env=environment, check=False,

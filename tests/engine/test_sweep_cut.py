@@ -161,6 +161,7 @@ def test_a_sweep_compiles_once_for_a_shape():
     assert len(TRACES) == once >= 1
 
 
+@pytest.mark.quick
 def test_the_caller_s_configuration_is_neither_needed_nor_touched():
     """A caller in JAX's own single precision gets the counts of double precision, and keeps his setting."""
     program = f"""

@@ -272,7 +272,7 @@ def test_the_ratio_decides_the_event_at_every_k_factor() -> None:
     points = np.random.default_rng(4).standard_normal((1024, state.dimension))
     noise_m = (points @ state.coordinates.matrix.T) * np.asarray(g.sigma_m) + fault.bias_m
     ratio = state.ratio(points)
-    model = linear_model(np.asarray(g.design), np.asarray(g.sigma_m))
+    model = jax.jit(linear_model)(np.asarray(g.design), np.asarray(g.sigma_m))
     outcome = jax.jit(lambda errors: method.solve(model, (), start_from(model, errors)))(noise_m.T)
     error_m, level_m = np.abs(np.asarray(outcome.error_m[2])), np.asarray(outcome.vpl_m)
     available = np.asarray(outcome.available)

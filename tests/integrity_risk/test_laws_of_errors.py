@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import jax
 import numpy as np
 import pytest
 from scipy import stats
@@ -109,7 +110,7 @@ def test_weights_of_the_draws_have_mean_one_and_keep_the_moments(noise) -> None:
     _, drawn, _ = lanes(OfNoise(noise), 60_000)
     assert drawn.weight.mean() == pytest.approx(1.0, abs=5 * drawn.weight.std() / np.sqrt(60_000))
     assert drawn.weight.max() <= 2.0
-    model = linear_model(np.asarray(G.design), np.asarray(G.sigma_m))
+    model = jax.jit(linear_model)(np.asarray(G.design), np.asarray(G.sigma_m))
     units = [np.random.default_rng(k).standard_normal((N, 60_000)) for k in range(noise.inputs_per_row)]
     plain = np.asarray(noise.shape(model, units))
     for size in (1.0, 2.5, 4.0):

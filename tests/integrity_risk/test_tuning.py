@@ -59,7 +59,7 @@ def _noise(g: Geometry) -> np.ndarray:
 
 def _solved(g: Geometry, errors_m: np.ndarray, method: Igg3) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """Level for a multiplier of one, size of the vertical error, and whether there is a solution."""
-    model = linear_model(np.asarray(g.design), np.asarray(g.sigma_m))
+    model = jax.jit(linear_model)(np.asarray(g.design), np.asarray(g.sigma_m))
     outcome = jax.jit(lambda errors: method.solve(model, (), start_from(model, errors)))(errors_m.T)
     level_m = np.asarray(outcome.vpl_m) / method.k_vertical
     return level_m, np.abs(np.asarray(outcome.error_m[2])), np.asarray(outcome.available)

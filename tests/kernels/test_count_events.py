@@ -32,7 +32,7 @@ def swept(methods, bias_m=BIAS_M, **options) -> np.ndarray:
 
 
 def model():
-    return linear_model(G.design, G.sigma_m, G.in_view)
+    return jax.jit(linear_model)(G.design, G.sigma_m, G.in_view)
 
 
 def key():
@@ -67,7 +67,7 @@ def test_grids_of_numbers_limits_and_geometries_are_one_call() -> None:
         np.testing.assert_array_equal(row, swept((method,), alert=alert)[:, 0])
     design = np.stack([G.design, G.design[::-1]])
     sigma = np.stack([G.sigma_m, G.sigma_m[::-1]])
-    models = jax.vmap(linear_model)(design, sigma)
+    models = jax.jit(jax.vmap(linear_model))(design, sigma)
     both = jax.vmap(counts, in_axes=(0, None, None, None))(models, 1.5, 5.33, limits_m[0])
     np.testing.assert_array_equal(both[0], found[0])
     assert (both[1] != both[0]).any()

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import jax
 import numpy as np
 from scipy import stats
 
@@ -34,9 +35,14 @@ def test_the_jackknife_residual_of_a_satellite_decides_what_its_separation_decid
             own = np.abs(separation[axis] @ observed) / np.linalg.norm(separation[axis] * sigma)
             np.testing.assert_allclose(own, ratios[k], rtol=1e-9)
     # And so the test of ARAIM is that of the largest of them, with the axis whose share of false alarms is largest.
-    model = linear_model(a, sigma)
     one = Araim(p_const=0.0, b_nom_m=0.0)
-    found = one.statistic(model, one.prepare(model), start_from(model, observed))
+
+    @jax.jit
+    def statistic(design, sigma_m, observed_m):
+        model = linear_model(design, sigma_m)
+        return one.statistic(model, one.prepare(model), start_from(model, observed_m))
+
+    found = statistic(a, sigma, observed)
     k_fa = stats.norm.isf(LPV_200.p_fa_vertical / (2 * sigma.size))
     np.testing.assert_allclose(found, ratios.max(axis=0) / k_fa, rtol=1e-6)
     # A single test of each satellite could take the shares of all axes: a threshold of less than a tenth of a per cent

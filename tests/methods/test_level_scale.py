@@ -28,14 +28,14 @@ def model_and_start():
     """The geometry, and least squares of 60 draws, half of them with a fault."""
     errors_m = np.random.default_rng(4).standard_normal((60, len(G.names))) * G.sigma_m
     errors_m[30:, 2] += 8.0
-    model = linear_model(np.asarray(G.design), np.asarray(G.sigma_m))
-    return model, start_from(model, errors_m.T)
+    model = jax.jit(linear_model)(np.asarray(G.design), np.asarray(G.sigma_m))
+    return model, jax.jit(start_from)(model, errors_m.T)
 
 
 def levels(one) -> np.ndarray:
     """(draws, 2), VPL and HPL [m]."""
     model, start = model_and_start()
-    outcome = one.solve(model, one.prepare(model), start)
+    outcome = jax.jit(lambda start: one.solve(model, one.prepare(model), start))(start)
     return np.stack([outcome.vpl_m, outcome.hpl_m], axis=-1)
 
 

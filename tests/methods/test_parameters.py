@@ -143,7 +143,7 @@ def test_only_numbers_are_leaves() -> None:
     trees = as_trees(methods)
     assert {type(leaf) for leaf in jax.tree.leaves(trees)} == {float}
     codes = satellite_codes(G.as_series(), G.as_series().satellite[0])
-    model = linear_model(G.design, G.sigma_m, G.in_view, satellite=codes)
+    model = jax.jit(linear_model)(G.design, G.sigma_m, G.in_view, satellite=codes)
 
     def levels(trees, observed_m):
         start = start_from(model, observed_m)
@@ -192,13 +192,14 @@ def test_the_kernel_takes_traced_limits(seed: int) -> None:
 
 
 def test_a_method_goes_through_grad_and_vmap() -> None:
-    model = linear_model(*random_sky(np.random.default_rng(5), counts=(8,))[:2])
-    start = start_from(model, np.random.default_rng(5).standard_normal((8, 4)))
+    model = jax.jit(linear_model)(*random_sky(np.random.default_rng(5), counts=(8,))[:2])
+    start = jax.jit(start_from)(model, np.random.default_rng(5).standard_normal((8, 4)))
 
     def mean_vpl(one):
         return one.solve(model, one.prepare(model), start).vpl_m.mean()
 
-    slope = jax.grad(mean_vpl)(Ls())
+    # Compiled as a whole: operations by themselves are three hundred programs.
+    slope = jax.jit(jax.grad(mean_vpl))(Ls())
     # The level is a multiple of K_V, and knows nothing of K_H.
     assert slope.k_vertical == pytest.approx(float(mean_vpl(Ls())) / Ls().k_vertical)
     assert slope.k_horizontal == 0.0
@@ -206,8 +207,9 @@ def test_a_method_goes_through_grad_and_vmap() -> None:
         k0=jnp.asarray([1.5, 2.0]), k1=jnp.asarray([5.0, 6.0]), k_horizontal=jnp.ones(2), k_vertical=jnp.full(2, 5.33),
         iterations=4,
     )  # fmt: skip
-    many = jax.vmap(mean_vpl)(grid)
-    alone = [mean_vpl(Igg3(k0=k0, k1=k1, iterations=4)) for k0, k1 in ((1.5, 5.0), (2.0, 6.0))]
+    many = jax.jit(jax.vmap(mean_vpl))(grid)
+    one = jax.jit(mean_vpl)
+    alone = [one(Igg3(k0=k0, k1=k1, iterations=4)) for k0, k1 in ((1.5, 5.0), (2.0, 6.0))]
     np.testing.assert_allclose(many, alone, rtol=1e-12)
 
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import functools
 from dataclasses import replace
 
 import jax
@@ -21,9 +22,14 @@ G = random_series(np.random.default_rng(3), np.ones((1, 11), bool), "GGGGGGEEEEE
 LANES = 40
 
 
+@functools.partial(jax.jit, static_argnames="of")
+def solved(design, sigma_m, observed_m, codes, *, of: Separated):
+    model = linear_model(design, sigma_m, satellite=codes)
+    return of.solve(model, of.prepare(model), start_from(model, observed_m))
+
+
 def outcome(one: Separated, observed_m: np.ndarray):
-    model = linear_model(np.asarray(G.design), np.asarray(G.sigma_m))
-    return jax.jit(lambda seen: one.solve(model, one.prepare(model), start_from(model, seen)))(observed_m)
+    return solved(np.asarray(G.design), np.asarray(G.sigma_m), observed_m, None, of=one)
 
 
 def observations() -> np.ndarray:
@@ -131,8 +137,7 @@ def test_constellations_and_an_ism_count() -> None:
     assert bool((both.vpl_m > 1.2 * lone.vpl_m).all())
     said = method("separated", ism=Ism(b_nom_m=0.0, p_sat=1e-5, p_const=0.0))
     codes = satellite_codes(G.as_series(), G.as_series().satellite[0])
-    model = linear_model(np.asarray(G.design), np.asarray(G.sigma_m), satellite=codes)
-    same = said.solve(model, said.prepare(model), start_from(model, observations()[:, :10]))
+    same = solved(np.asarray(G.design), np.asarray(G.sigma_m), observations()[:, :10], codes, of=said)
     np.testing.assert_allclose(same.vpl_m, lone.vpl_m, rtol=1e-12)
 
 

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from pathlib import Path
 
+import jax
 import numpy as np
 import pandas as pd
 import pytest
@@ -37,7 +38,7 @@ def one_epoch() -> Geometry:
 
 
 def drawn(noise: object, g: Geometry, count: int = 4000, seed: int = 0) -> np.ndarray:
-    rng, model = np.random.default_rng(seed), linear_model(g.design, g.sigma_m, g.in_view)
+    rng, model = np.random.default_rng(seed), jax.jit(linear_model)(g.design, g.sigma_m, g.in_view)
     units = [rng.standard_normal((len(g.names), count)) for _ in range(2)]
     return np.asarray(noise.shape(model, units))
 
