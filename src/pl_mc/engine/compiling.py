@@ -24,6 +24,13 @@ from pl_mc.runtime.precision import precision_scope
 # tiles leave its caches, smaller ones drown in the cost of calls (measured; half or double lose 5 to 30 %).
 _PROCESSOR_TILE = 2048
 
+# Bytes of one row of what a loop takes of them at a time: 64 lanes in double precision, 128 in single, for which all
+# that a solution needs lies in the first cache.
+_PROCESSOR_LOOP = 512
+
+# Without it the compiler hands products of matrices to a library, which no function of machine code can hold.
+_OWN_PRODUCTS = {"xla_cpu_experimental_ynn_fusion_type": "LIBRARY_FUSION_TYPE_INDIVIDUAL_CONVOLUTION"}
+
 # Name of the mesh axis over which blocks of noise are spread.
 _BLOCKS = "blocks"
 
@@ -50,7 +57,7 @@ def compiler_options() -> dict[str, int | str]:
     require_own_threads()
     if jax.default_backend() != "cpu":
         return {}
-    wanted: dict[str, int | str] = {"xla_disable_hlo_passes": "cpu-parallel-task-assigner"}
+    wanted: dict[str, int | str] = {"xla_disable_hlo_passes": "cpu-parallel-task-assigner", **_OWN_PRODUCTS}
     if "avx512" in instruction_set():
         wanted["xla_cpu_prefer_vector_width"] = 512
     return {option: value for option, value in wanted.items() if _known(option, value)}
@@ -85,8 +92,10 @@ def compiled_count(devices: int) -> Callable[..., Array]:
     on_processor = jax.default_backend() == "cpu"
 
     def one_device(batch: EpochBatch, *numbers: Any, blocks: int, **static: Any) -> Array:
-        together = _PROCESSOR_TILE // (LANES * batch.design.dtype.itemsize) if on_processor else blocks
-        return count_epochs(batch, *numbers, blocks=blocks, together=together, **static)
+        size = batch.design.dtype.itemsize
+        together = _PROCESSOR_TILE // (LANES * size) if on_processor else blocks
+        loop_lanes = _PROCESSOR_LOOP // size if options.keys() >= _OWN_PRODUCTS.keys() else None
+        return count_epochs(batch, *numbers, blocks=blocks, together=together, loop_lanes=loop_lanes, **static)
 
     def several_devices(batch: EpochBatch, *numbers: Any, blocks: int, **static: Any) -> Array:
         each = -(-blocks // devices)

@@ -6,7 +6,7 @@ noise block for all its faults. Least squares of noise plus fault is then a sum 
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 
 import jax
 import numpy as np
@@ -60,18 +60,20 @@ def count_epochs(
     axes: tuple[str, ...],
     blocks: int,
     together: int = 1,
+    loop_lanes: int | None = None,
     noise_model: NoiseModel = GAUSSIAN,
 ) -> Array:
     """(e, f, rows, events), how often each event of `EVENTS` happened in ``blocks`` blocks of noise (int32).
 
     There is a row for each method and axis, method by method. ``limits_m`` (2,) are VAL and HAL; ``methods`` are those
     of `as_trees`, so that their numbers are arguments like any array.
-    Blocks and ``together`` are as for `pl_mc.kernels.counting.count_blocks`.
+    Blocks and ``together`` are as for `pl_mc.kernels.counting.count_blocks`, ``loop_lanes`` as for `LinearModel`.
     """
     chosen = of_trees(methods)
 
     def count_epoch(one: EpochBatch) -> Array:
         model, prepared = prepare_epoch(one, chosen)
+        model = replace(model, loop_lanes=loop_lanes)
 
         def numbers(block: Array) -> tuple[Array, Array | None]:
             return block_noise(model, one, seed, block, noise_model), block_sizes(one, seed, block)

@@ -17,6 +17,7 @@ from pl_mc.kernels.estimate import LeastSquaresSolution
 from pl_mc.kernels.events import EVENTS, counted_events, events, exclusions, limits_of
 from pl_mc.kernels.linear_model import LinearModel, product
 from pl_mc.kernels.noise import LANES, live_lanes, unit_inputs
+from pl_mc.kernels.one_call import in_one_call
 from pl_mc.kernels.outcome import Method
 from pl_mc.kernels.scenarios import Drawn, FaultRows, each_fault
 
@@ -129,7 +130,8 @@ def count_blocks(
     """(f, rows, events), how often each of `counted_events` happened in ``blocks`` blocks of noise (int32).
 
     Blocks below ``full_blocks`` count whole, the block of that number counts its first ``remainder`` draws, later
-    ones do not count. ``together`` blocks are taken at a time, side by side.
+    ones do not count. ``together`` blocks are taken at a time, side by side. Each method is one function of machine
+    code, where one can hold it, if ``model.loop_lanes`` are given.
     """
     counted = counted_events(methods)
     none = jnp.zeros((faults.bias_m.shape[0], len(methods) * len(axes), len(counted)), jnp.int32)
@@ -139,15 +141,20 @@ def count_blocks(
         live = live.astype(model.design.dtype)
 
         def count(start: LeastSquaresSolution, bias_m: Array) -> Array:
-            outcomes = [method.solve(model, made, start) for method, made in zip(methods, prepared, strict=True)]
-            named = [(method.name, outcome) for method, outcome in zip(methods, outcomes, strict=True)]
-            seen = jnp.stack([events(outcome, limits_m, axis, name) for name, outcome in named for axis in axes])
-            if len(counted) > len(EVENTS):
-                # Where a bias is drawn it is NaN, and a fault.
-                of_method = [exclusions(outcome, bias_m != 0) for outcome in outcomes for _ in axes]
-                seen = jnp.concatenate([seen, jnp.stack(of_method)], axis=1)
-            # The lanes of a call are fewer than the whole numbers of any precision; this is the fastest sum.
-            return product(seen.astype(live.dtype), live).astype(jnp.int32)
+            def of_method(method: Method, made: object) -> Array:
+                def count_one(start: LeastSquaresSolution) -> Array:
+                    outcome = method.solve(model, made, start)
+                    seen = jnp.stack([events(outcome, limits_m, axis, method.name) for axis in axes])
+                    if len(counted) > len(EVENTS):
+                        # Where a bias is drawn it is NaN, and a fault.
+                        named = exclusions(outcome, bias_m != 0)
+                        seen = jnp.concatenate([seen, jnp.broadcast_to(named, (len(axes), *named.shape))], axis=1)
+                    # The lanes of a call are fewer than the whole numbers of any precision; this is the fastest sum.
+                    return product(seen.astype(live.dtype), live).astype(jnp.int32)
+
+                return count_one(start) if model.loop_lanes is None else in_one_call(count_one, start)
+
+            return jnp.concatenate([of_method(*one) for one in zip(methods, prepared, strict=True)])
 
         noise, sizes = jax.tree.map(side_by_side, jax.vmap(numbers)(group))
         return total + each_fault(model, faults, noise, count, sizes=sizes, skipped=none[0]), None

@@ -62,6 +62,7 @@ class LinearModel:
             a promise of the caller, which allows a faster elimination.
         satellite: (n,), code of each row's satellite (`pl_mc.ism.codes_of`), for methods that tell satellites apart;
             None where nobody said.
+        loop_lanes: lanes that iterations take at a time; None for all of them.
     """
 
     design: Array
@@ -84,6 +85,7 @@ class LinearModel:
     available: Array
     one_clock_per_row: bool = field(default=False, metadata={"static": True})
     satellite: Array | None = None
+    loop_lanes: int | None = field(default=None, metadata={"static": True})
 
 
 def linear_model(

@@ -8,6 +8,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass, replace
 from functools import partial
+from typing import TypeVar
 
 import jax
 import jax.numpy as jnp
@@ -17,10 +18,13 @@ from pl_mc.kernels.clock_elimination import eliminate_clocks
 from pl_mc.kernels.estimate import Estimate, LeastSquaresSolution, safe_sqrt
 from pl_mc.kernels.irls_options import AITKEN_START, HUBER_START, SANDWICH, IrlsOptions
 from pl_mc.kernels.linear_model import COORDINATES, LinearModel, add_empty, per_lane, product, redundancy_floor
+from pl_mc.kernels.one_call import by_pieces
 from pl_mc.kernels.parameters import is_off
 from pl_mc.kernels.sandwich import sandwich
 from pl_mc.kernels.small_matrix import cholesky, eliminate, inverse_columns, lower_triangle
 from pl_mc.kernels.weights import HuberWeight, L1Weight
+
+T = TypeVar("T")
 
 # Aitken's acceleration: solutions from each extrapolation to the next one; the largest ratio of
 # successive steps that it goes by; the farthest that it goes, and the smallest step that it follows, as lengths of the
@@ -159,6 +163,19 @@ class _Lanes:
     weights: Array
     step: tuple[Array, ...]
 
+    @property
+    def moving(self) -> Moving:
+        """What changes from solution to solution."""
+        return self.iterate, self.weights, self.step
+
+    def at(self, moving: Moving) -> _Lanes:
+        """The same scenarios at another solution."""
+        return _Lanes(self.start, self.scale, *moving)
+
+
+# Iterate, weights and step of `_Lanes`.
+Moving = tuple[Iterate, Array, tuple[Array, ...]]
+
 
 def _relative(options: IrlsOptions) -> bool:
     return isinstance(options.weight, L1Weight)
@@ -170,7 +187,14 @@ def _plain(
 ) -> _Lanes:  # fmt: skip
     """So many solutions, one after the other."""
     lanes = _Lanes(start, scale, first, weights, tuple(jnp.zeros_like(one) for one in first.shift))
-    return jax.lax.scan(lambda lanes, _: (_step(model, lanes, options), None), lanes, None, length=count)[0]
+
+    def solve(moving: Moving, fixed: tuple[LeastSquaresSolution, Array | None]) -> Moving:
+        few = replace(lanes, start=fixed[0], scale=fixed[1]).at(moving)
+        return jax.lax.scan(
+            lambda moving, _: (_step(model, few.at(moving), options).moving, None), moving, length=count
+        )[0]
+
+    return lanes.at(by_pieces(solve, lanes.moving, (start, scale), model.loop_lanes))
 
 
 def _step(model: LinearModel, lanes: _Lanes, options: IrlsOptions) -> _Lanes:
@@ -185,44 +209,62 @@ def _step(model: LinearModel, lanes: _Lanes, options: IrlsOptions) -> _Lanes:
 def _settled(model: LinearModel, lanes: _Lanes, options: IrlsOptions) -> tuple[Iterate, Array]:
     """The last solution but one, and the weights that produced it, from solution `AITKEN_START` - 1."""
     moves = _square_fit(model, lanes.step) > SETTLED_STEP**2
-    there = lanes.iterate, lanes.weights
 
-    def go_on(lanes: _Lanes, moves: Array) -> tuple[Iterate, Array]:
-        ahead = _accelerated(model, lanes, options)
-        return jax.tree.map(
-            lambda new, old: jnp.where(moves, new, old), (ahead.iterate, ahead.weights), (lanes.iterate, lanes.weights)
-        )
+    def together(new: tuple[Iterate, Array]) -> tuple[Iterate, Array]:
+        old = lanes.iterate, lanes.weights
+        return jax.tree.map(lambda one, other: jnp.where(moves, one, other), new, old)
 
     if moves.ndim != 1 or moves.size % QUARTERS:
-        return go_on(lanes, moves)
+        return together(_accelerated(model, lanes, options))
 
-    # Those that move come first, all in their order.
-    count, number = jnp.cumsum(moves), jnp.arange(moves.size)
-    place = jnp.where(moves, count - 1, count[-1] + number - count)
-    order = jnp.zeros_like(number).at[place].set(number, unique_indices=True)
+    # The k-th of those that move is where so many have been counted; their results are fetched from where they are
+    # computed, since writing to chosen lanes goes one lane at a time.
+    number = jnp.arange(moves.size, dtype=jnp.int32)
+    count = jnp.cumsum(moves, dtype=jnp.int32)
+    order = jnp.minimum(jnp.searchsorted(count, number, side="right", method="scan_unrolled"), moves.size - 1)
+    place = jnp.maximum(count - 1, 0)
 
-    def quarter(there: tuple[Iterate, Array], chosen: Array) -> tuple[tuple[Iterate, Array], None]:
+    def quarter(_: None, given: tuple[Array, Array]) -> tuple[None, tuple[Iterate, Array]]:
+        chosen, wanted = given
+
         def further() -> tuple[Iterate, Array]:
-            few = jax.tree.map(lambda one: one.at[..., chosen].get(unique_indices=True), lanes)
-            ahead = go_on(few, moves[chosen])
-            return jax.tree.map(lambda one, new: one.at[..., chosen].set(new, unique_indices=True), there, ahead)
+            return _accelerated(model, _fetched(lanes, chosen), options)
 
-        return jax.lax.cond(moves[chosen[0]], further, lambda: there), None
+        def nothing() -> tuple[Iterate, Array]:
+            return jax.tree.map(
+                lambda one: jnp.zeros((*one.shape[:-1], chosen.size), one.dtype), (lanes.iterate, lanes.weights)
+            )
 
-    return jax.lax.scan(quarter, there, order.reshape(QUARTERS, -1))[0]
+        return None, jax.lax.cond(wanted, further, nothing)
+
+    few = number.reshape(QUARTERS, -1)[:, 0] < count[-1]
+    ahead = jax.lax.scan(quarter, None, (order.reshape(QUARTERS, -1), few))[1]
+
+    def fetched(place: Array) -> tuple[Iterate, Array]:
+        return together(
+            _fetched(jax.tree.map(lambda one: jnp.moveaxis(one, 0, -2).reshape(*one.shape[1:-1], -1), ahead), place)
+        )
+
+    return jax.lax.cond(count[-1] > 0, fetched, lambda _: (lanes.iterate, lanes.weights), place)
 
 
-def _accelerated(model: LinearModel, lanes: _Lanes, options: IrlsOptions) -> _Lanes:
-    """From solution `AITKEN_START` - 1 to the last but one."""
+def _fetched(tree: T, chosen: Array) -> T:
+    """Chosen lanes of everything; all of them exist."""
+    return jax.tree.map(lambda one: one.at[..., chosen].get(mode="promise_in_bounds"), tree)
 
-    def solve(lanes: _Lanes, number: Array) -> tuple[_Lanes, None]:
-        was = lanes.step
-        lanes = _step(model, lanes, options)
-        now = (number - AITKEN_START) % AITKEN_PERIOD == 0
-        return jax.lax.cond(now, lambda: _extrapolated(model, lanes, was), lambda: lanes), None
+
+def _accelerated(model: LinearModel, lanes: _Lanes, options: IrlsOptions) -> tuple[Iterate, Array]:
+    """The last solution but one, and its weights, from solution `AITKEN_START` - 1."""
+
+    def solve(moving: Moving, number: Array) -> tuple[Moving, None]:
+        now = _step(model, lanes.at(moving), options)
+        due = (number - AITKEN_START) % AITKEN_PERIOD == 0
+        was = moving[2]
+        iterate = jax.lax.cond(due, lambda: _extrapolated(model, now, was), lambda: now.iterate)
+        return (iterate, now.weights, now.step), None
 
     numbers = jnp.arange(AITKEN_START, options.solutions, dtype=jnp.int32)
-    return jax.lax.scan(solve, lanes, numbers)[0]
+    return jax.lax.scan(solve, lanes.moving, numbers)[0][:2]
 
 
 def _square_fit(model: LinearModel, step: tuple[Array, ...]) -> Array:
@@ -231,8 +273,8 @@ def _square_fit(model: LinearModel, step: tuple[Array, ...]) -> Array:
     return product(model.mask_row, fit * fit)[0]
 
 
-def _extrapolated(model: LinearModel, lanes: _Lanes, step_before: tuple[Array, ...]) -> _Lanes:
-    """Lanes moved on along their last step."""
+def _extrapolated(model: LinearModel, lanes: _Lanes, step_before: tuple[Array, ...]) -> Iterate:
+    """The last solution, moved on along its step."""
     fit, fit_before = (product(model.design, jnp.stack(one)) for one in (lanes.step, step_before))
     along, square, square_before = (
         product(model.mask_row, one)[0] for one in (fit * fit_before, fit * fit, fit_before * fit_before)
@@ -246,7 +288,7 @@ def _extrapolated(model: LinearModel, lanes: _Lanes, step_before: tuple[Array, .
     shift = tuple(one + factor * step for one, step in zip(lanes.iterate.shift, lanes.step, strict=True))
     residuals = _residuals(model, lanes.start, shift)
     square_sum = _weighted_squares(lanes.weights, residuals)
-    return replace(lanes, iterate=replace(lanes.iterate, residuals=residuals, shift=shift, square_sum=square_sum))
+    return replace(lanes.iterate, residuals=residuals, shift=shift, square_sum=square_sum)
 
 
 def _huber_start(
