@@ -18,7 +18,8 @@ import pandas as pd
 
 import pl_mc
 from pl_mc.kernels import IrlsOptions, irls, linear_model, start_from
-from pl_mc.kernels.reweighting import Iterate, reweighted
+from pl_mc.kernels.estimate import Iterate
+from pl_mc.kernels.reweighting import reweighted
 from pl_mc.methods import L1, MM, Danish, Hampel, Huber, Tukey
 
 DRAWS, LIMIT, SEED = 8192, 400, 3

@@ -15,7 +15,7 @@ from typing import Any
 import jax
 import numpy as np
 
-from pl_mc.engine.compiling import compiler_options, instruction_set
+from pl_mc.engine.compiling import instruction_set, sweep_options
 from pl_mc.runtime.threads import cores, processor_name
 
 # The share of the asked time below which another repetition would tell nothing.
@@ -149,7 +149,7 @@ def describe_machine() -> dict[str, Any]:
         "processor": processor_name(), "cores": cores(), "memory_gb": _memory_gb(),
         "instruction_set": instruction_set(), "system": platform.system(), "backend": jax.default_backend(),
         "device": jax.local_devices()[0].device_kind, "devices": jax.local_device_count(),
-        "compiler_options": compiler_options(), "versions": {"python": platform.python_version()} | versions(),
+        "compiler_options": sweep_options(), "versions": {"python": platform.python_version()} | versions(),
         "blas": _blas(), "load_average": load_average(),
     }  # fmt: skip
 

@@ -29,7 +29,9 @@ _PROCESSOR_TILE = 2048
 _PROCESSOR_LOOP = 512
 
 # Without it the compiler hands products of matrices to a library, which no function of machine code can hold.
-_OWN_PRODUCTS = {"xla_cpu_experimental_ynn_fusion_type": "LIBRARY_FUSION_TYPE_INDIVIDUAL_CONVOLUTION"}
+_OWN_PRODUCTS: dict[str, int | str] = {
+    "xla_cpu_experimental_ynn_fusion_type": "LIBRARY_FUSION_TYPE_INDIVIDUAL_CONVOLUTION"
+}
 
 # Name of the mesh axis over which blocks of noise are spread.
 _BLOCKS = "blocks"
@@ -57,10 +59,17 @@ def compiler_options() -> dict[str, int | str]:
     require_own_threads()
     if jax.default_backend() != "cpu":
         return {}
-    wanted: dict[str, int | str] = {"xla_disable_hlo_passes": "cpu-parallel-task-assigner", **_OWN_PRODUCTS}
+    wanted: dict[str, int | str] = {"xla_disable_hlo_passes": "cpu-parallel-task-assigner"}
     if "avx512" in instruction_set():
         wanted["xla_cpu_prefer_vector_width"] = 512
     return {option: value for option, value in wanted.items() if _known(option, value)}
+
+
+@functools.cache
+def sweep_options() -> dict[str, int | str]:
+    """`compiler_options` of sweeps, whose methods are functions of machine code each (`pl_mc.kernels.one_call`)."""
+    known = jax.default_backend() == "cpu" and all(_known(option, value) for option, value in _OWN_PRODUCTS.items())
+    return compiler_options() | (_OWN_PRODUCTS if known else {})
 
 
 def _known(option: str, value: int | str) -> bool:
@@ -88,7 +97,7 @@ def require_devices(devices: int | None) -> int:
 @functools.cache
 def compiled_count(devices: int) -> Callable[..., Array]:
     """`count_epochs` as one compiled function, with static ``axes``, ``blocks`` and ``noise_model``."""
-    options = compiler_options()
+    options = sweep_options()
     on_processor = jax.default_backend() == "cpu"
 
     def one_device(batch: EpochBatch, *numbers: Any, blocks: int, **static: Any) -> Array:

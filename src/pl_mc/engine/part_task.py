@@ -17,7 +17,7 @@ import jax
 import numpy as np
 import pyarrow as pa
 
-from pl_mc.engine.compiling import compiler_options, instruction_set
+from pl_mc.engine.compiling import instruction_set, sweep_options
 from pl_mc.noise_models import GAUSSIAN
 
 
@@ -97,7 +97,7 @@ def environment() -> dict[str, Any]:
         "backend": jax.default_backend(),
         "device": jax.local_devices()[0].device_kind,
         "instruction set": instruction_set(),
-        "compiler options": compiler_options(),
+        "compiler options": sweep_options(),
         "compiler flags": _compiler_flags(),
     }
 

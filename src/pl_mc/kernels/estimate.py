@@ -1,4 +1,4 @@
-"""What every estimator returns, and the least-squares solution that every estimator starts from."""
+"""What every estimator returns, one solution of an iteration, and least squares, from which every estimator starts."""
 
 from __future__ import annotations
 
@@ -58,6 +58,24 @@ class Estimate:
     change_m: Array
     available: Array
     tied: Array
+
+
+@jax.tree_util.register_dataclass
+@dataclass(frozen=True)
+class Iterate:
+    """One solution of the iteration, about the least-squares one.
+
+    Attributes:
+        residuals: (n, ...), its whitened residuals, signed as in `LeastSquaresSolution` [sigma].
+        shift: t of (...), its state minus that of least squares [m].
+        square_sum: (...), V'P_bar V.
+        determined: (...), whether this solution and all before it are.
+    """
+
+    residuals: Array
+    shift: tuple[Array, ...]
+    square_sum: Array
+    determined: Array
 
 
 def start_from(model: LinearModel, observed_m: Array) -> LeastSquaresSolution:

@@ -62,7 +62,8 @@ class LinearModel:
             a promise of the caller, which allows a faster elimination.
         satellite: (n,), code of each row's satellite (`pl_mc.ism.codes_of`), for methods that tell satellites apart;
             None where nobody said.
-        loop_lanes: lanes that iterations take at a time; None for all of them.
+        loop_lanes: lanes that iterations take at a time; None for all of them. For `pl_mc.engine`, with whose compiler
+            options alone a processor gains by it.
     """
 
     design: Array

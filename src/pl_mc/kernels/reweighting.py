@@ -15,13 +15,13 @@ import jax.numpy as jnp
 from jax import Array
 
 from pl_mc.kernels.clock_elimination import eliminate_clocks
-from pl_mc.kernels.estimate import Estimate, LeastSquaresSolution, safe_sqrt
+from pl_mc.kernels.estimate import Estimate, Iterate, LeastSquaresSolution, safe_sqrt
 from pl_mc.kernels.irls_options import AITKEN_START, HUBER_START, SANDWICH, IrlsOptions
-from pl_mc.kernels.linear_model import COORDINATES, LinearModel, add_empty, per_lane, product, redundancy_floor
+from pl_mc.kernels.linear_model import COORDINATES, LinearModel, add_empty, per_lane, product
 from pl_mc.kernels.one_call import by_pieces
-from pl_mc.kernels.parameters import is_off
 from pl_mc.kernels.sandwich import sandwich
-from pl_mc.kernels.small_matrix import cholesky, eliminate, inverse_columns, lower_triangle
+from pl_mc.kernels.small_matrix import eliminate
+from pl_mc.kernels.standardised import standardised, weight_of, weights_of
 from pl_mc.kernels.weights import HuberWeight, L1Weight
 
 T = TypeVar("T")
@@ -39,27 +39,6 @@ SETTLED_STEP, QUARTERS = 1e-3, 4
 # Squares of residuals are added in so many parts, one row on another, before a matrix product sums what is left: the
 # product of all rows would have to wait until all squares are written.
 FOLD = 4
-
-# The median absolute value of a standard normal variable is 1 / 1.4826.
-MAD_TO_SIGMA = 1.482602218505602
-
-
-@jax.tree_util.register_dataclass
-@dataclass(frozen=True)
-class Iterate:
-    """One solution of the iteration, about the least-squares one.
-
-    Attributes:
-        residuals: (n, ...), its whitened residuals, signed as in `LeastSquaresSolution` [sigma].
-        shift: t of (...), its state minus that of least squares [m].
-        square_sum: (...), V'P_bar V.
-        determined: (...), whether this solution and all before it are.
-    """
-
-    residuals: Array
-    shift: tuple[Array, ...]
-    square_sum: Array
-    determined: Array
 
 
 def irls(model: LinearModel, start: LeastSquaresSolution, options: IrlsOptions) -> Estimate:
@@ -110,7 +89,7 @@ def reweighted(
     plain = AITKEN_START - 1 if options.accelerated else options.solutions - 1
     lanes = _plain(model, start, first, first_weights, options, plain, scale=scale)
     before, weights = _settled(model, lanes, options) if options.accelerated else (lanes.iterate, lanes.weights)
-    weights = _weights(model, before, weights, options, scale)
+    weights = weights_of(model, before, weights, options, scale)
     last, cofactor = solve_weighted(
         model, start, weights, before.determined, cofactors=True, relative=_relative(options)
     )  # fmt: skip
@@ -126,9 +105,9 @@ def reweighted(
     dof = jnp.where(available, dof, 1.0)
     unit_error, cofactor_m2 = safe_sqrt(last.square_sum / dof), jnp.stack(cofactor)
     if options.covariance == SANDWICH:
-        size = _standardised(model, last, weights, options, scale)
+        size = standardised(model, last, weights, options, scale)
         # What twins have in common changes their residuals; influence goes by the design as it is.
-        unit_error, cofactor_m2, regular = sandwich(plain_model, last.residuals, size, partial(_weight, options), dof)
+        unit_error, cofactor_m2, regular = sandwich(plain_model, last.residuals, size, partial(weight_of, options), dof)
         available = available & regular
     sigma = 1.0 / jnp.where(model.weight_root > 0, model.weight_root, 1.0)
     shift = jnp.stack(last.shift)
@@ -200,7 +179,7 @@ def _plain(
 def _step(model: LinearModel, lanes: _Lanes, options: IrlsOptions) -> _Lanes:
     """One more solution."""
     before = lanes.iterate
-    weights = _weights(model, before, lanes.weights, options, lanes.scale)
+    weights = weights_of(model, before, lanes.weights, options, lanes.scale)
     iterate, _ = solve_weighted(model, lanes.start, weights, before.determined, relative=_relative(options))
     step = tuple(now - was for now, was in zip(iterate.shift, before.shift, strict=True))
     return replace(lanes, iterate=iterate, weights=weights, step=step)
@@ -375,67 +354,3 @@ def _enough(model: LinearModel, weights: Array, weight_sum: Array) -> Array:
     return jax.lax.cond(
         jnp.all(weight_sum >= needed), lambda: jnp.ones(weight_sum.shape, bool), lambda: _kept(model, weights) >= needed
     )
-
-
-def _weights(
-    model: LinearModel, iterate: Iterate, weights: Array, options: IrlsOptions, scale: Array | None = None
-) -> Array:
-    """Weight factors from the residuals of an iterate; ``weights`` are those that produced it."""
-    return _weight(options, _standardised(model, iterate, weights, options, scale))
-
-
-def _weight(options: IrlsOptions, size: Array) -> Array:
-    weights = options.weight(size)
-    return weights if is_off(options.weight_floor) else jnp.maximum(weights, options.weight_floor)
-
-
-def _standardised(
-    model: LinearModel, iterate: Iterate, weights: Array, options: IrlsOptions, scale: Array | None
-) -> Array:
-    """(n, ...), sizes of the residuals of an iterate over their standard deviation and scale."""
-    size = jnp.abs(iterate.residuals) * _inverse_residual_sigma(model, weights, options)
-    scale = _scale(model, iterate, size, options) if scale is None else scale
-    # A perfect fit leaves no scale; it is undetermined or exact, and any finite number serves.
-    return size * (1.0 / jnp.where(scale > 0, scale, 1.0))[None]
-
-
-def _scale(model: LinearModel, iterate: Iterate, size: Array, options: IrlsOptions) -> Array:
-    if options.scale == "apriori":
-        return jnp.ones_like(iterate.square_sum)
-    if options.scale.startswith("mad"):
-        counted = (model.inverse_residual_sigma > 0) if options.cofactor != "none" else (model.in_view > 0)
-        scale = MAD_TO_SIGMA * _median(size, counted)
-    else:
-        scale = safe_sqrt(iterate.square_sum / jnp.maximum(model.dof, 1))
-    return jnp.maximum(scale, 1.0) if options.scale.endswith("floored") else scale
-
-
-def _median(values: Array, counted: Array) -> Array:
-    """Median over the first axis of the rows that count."""
-    # Rows that do not count sort to the end.
-    ordered = jnp.sort(jnp.where(per_lane(counted, values), values, jnp.inf), axis=0)
-    count = jnp.sum(counted)
-    low, high = jnp.maximum(count - 1, 0) // 2, jnp.maximum(count // 2, 0)
-    return 0.5 * (jnp.take(ordered, low, axis=0) + jnp.take(ordered, high, axis=0))
-
-
-def _inverse_residual_sigma(model: LinearModel, weights: Array, options: IrlsOptions) -> Array:
-    """1 / standard deviation of each whitened residual; zero for a satellite that the others do not check."""
-    if options.cofactor == "none":
-        return per_lane(model.in_view, weights)
-    fault_free = per_lane(model.inverse_residual_sigma, weights)
-    if options.cofactor == "fault_free":
-        return fault_free
-    t = model.design.shape[1]
-    factor = cholesky(add_empty(product(model.products[:-1], weights), model.empty), model.pivot_floor)
-    columns = inverse_columns(factor)
-    inverse = jnp.stack(
-        [
-            sum(columns[row][k - row] * columns[column][k - column] for k in range(row, t))
-            * (1.0 if row == column else 2.0)
-            for row, column in lower_triangle(t)
-        ]
-    )
-    variance = 1.0 - product(model.products[:-1].T, inverse)
-    usable = (variance > redundancy_floor(variance.dtype)) & (fault_free > 0)
-    return jnp.where(usable, jax.lax.rsqrt(jnp.where(usable, variance, 1.0)), fault_free)

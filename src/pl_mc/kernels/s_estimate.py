@@ -19,9 +19,10 @@ import jax.numpy as jnp
 from jax import Array
 
 from pl_mc.input_errors import hold_whole
-from pl_mc.kernels.estimate import LeastSquaresSolution, safe_sqrt
+from pl_mc.kernels.estimate import Iterate, LeastSquaresSolution, safe_sqrt
 from pl_mc.kernels.linear_model import COORDINATES, LinearModel, per_lane
-from pl_mc.kernels.reweighting import MAD_TO_SIGMA, Iterate, first_iterate, solve_weighted
+from pl_mc.kernels.reweighting import first_iterate, solve_weighted
+from pl_mc.kernels.standardised import MAD_TO_SIGMA
 from pl_mc.kernels.weights import L1Weight, TukeyWeight
 
 # Tukey's rho with this constant has the mean 1/2 under a standard normal variable (Rousseeuw & Yohai 1984).
