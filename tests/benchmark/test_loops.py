@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import csv
-import importlib.util
 import os
 import subprocess
 import sys
@@ -12,18 +11,14 @@ from types import ModuleType
 
 import pytest
 
-SCRIPT = Path(__file__).parents[2] / "benchmarks" / "loops.py"
+from reference.scripts import BENCHMARKS, loaded
+
+SCRIPT = BENCHMARKS / "loops.py"
 
 
 @pytest.fixture
 def loops(monkeypatch: pytest.MonkeyPatch) -> ModuleType:
-    spec = importlib.util.spec_from_file_location("loops", SCRIPT)
-    assert spec is not None
-    assert spec.loader is not None
-    module = importlib.util.module_from_spec(spec)
-    monkeypatch.setitem(sys.modules, "loops", module)
-    spec.loader.exec_module(module)
-    return module
+    return loaded("loops", monkeypatch)
 
 
 def test_trees_are_measured_in_turn(tmp_path: Path) -> None:

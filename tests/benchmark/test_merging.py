@@ -2,25 +2,17 @@
 
 from __future__ import annotations
 
-import importlib.util
-import sys
 from pathlib import Path
 from types import ModuleType
 
 import pytest
 
-PLACE = Path(__file__).parents[2] / "benchmarks" / "merging.py"
+from reference.scripts import loaded
 
 
 @pytest.fixture
 def merging(monkeypatch: pytest.MonkeyPatch) -> ModuleType:
-    spec = importlib.util.spec_from_file_location("merging", PLACE)
-    assert spec is not None
-    assert spec.loader is not None
-    module = importlib.util.module_from_spec(spec)
-    monkeypatch.setitem(sys.modules, "merging", module)
-    spec.loader.exec_module(module)
-    return module
+    return loaded("merging", monkeypatch)
 
 
 def test_parts_that_nobody_counted_are_merged(
