@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import dataclasses
+from functools import partial
 
 import jax
 import jax.numpy as jnp
@@ -41,19 +42,29 @@ def compiled(function, *arguments) -> tuple[np.ndarray, str]:
     return np.asarray(made(*arguments)), made.as_text()
 
 
-def test_what_a_function_can_hold_is_one_and_what_it_cannot_is_not() -> None:
+def test_what_a_function_can_hold_is_one_and_what_it_cannot_is_none() -> None:
     noise = jnp.asarray(np.random.default_rng(2).normal(size=(4, 64)))
 
     def holds(x):
         return jnp.cumsum(x @ x.T, axis=0)
 
-    def holds_not(x):
-        return jnp.sort(x @ x.T, axis=0)
+    found, text = compiled(lambda x: in_one_call(holds, x), noise)
+    np.testing.assert_allclose(found, holds(noise), rtol=1e-13, atol=1e-13)
+    assert 'xla_cpu_small_call="true"' in text
+    assert in_one_call(lambda x: jnp.sort(x @ x.T, axis=0), noise) is None
 
-    for function, one in ((holds, True), (holds_not, False)):
-        found, text = compiled(lambda x, function=function: in_one_call(function, x), noise)
-        np.testing.assert_allclose(found, function(noise), rtol=1e-13, atol=1e-13)
-        assert ('xla_cpu_small_call="true"' in text) == one
+
+@pytest.mark.parametrize(("method", "one"), [(Igg3(iterations=5), True), (Igg3(iterations=5, scale="mad"), False)])
+def test_loops_are_over_pieces_in_one_function_alone(method, one: bool) -> None:
+    """A scale that is sorted for is compiled as without pieces, operation by operation."""
+    model = jax.jit(partial(linear_model, one_clock_per_row=True))(G.design, G.sigma_m, G.in_view)
+
+    def program(lanes: int | None) -> str:
+        pieces = dataclasses.replace(model, loop_lanes=lanes)
+        counts = partial(count_events, limits=LIMITS_M, draws=DRAWS, bias_m=BIAS_M, methods=(method,))
+        return jax.jit(counts).lower(epoch_key(np.uint32(5), np.uint32(0)), pieces).as_text()
+
+    assert (program(64) == program(None)) == (not one)
 
 
 # Settled solutions, plain ones, weights that ties do not change, starts of their own, and a scale that is sorted for.

@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
+from functools import partial
 from typing import Protocol
 
 import jax
@@ -142,7 +143,7 @@ def count_blocks(
 
         def count(start: LeastSquaresSolution, bias_m: Array) -> Array:
             def of_method(method: Method, made: object) -> Array:
-                def count_one(start: LeastSquaresSolution) -> Array:
+                def of_model(model: LinearModel, start: LeastSquaresSolution) -> Array:
                     outcome = method.solve(model, made, start)
                     seen = jnp.stack([events(outcome, limits_m, axis, method.name) for axis in axes])
                     if len(counted) > len(EVENTS):
@@ -152,7 +153,9 @@ def count_blocks(
                     # The lanes of a call are fewer than the whole numbers of any precision; this is the fastest sum.
                     return product(seen.astype(live.dtype), live).astype(jnp.int32)
 
-                return count_one(start) if model.loop_lanes is None else in_one_call(count_one, start)
+                found = None if model.loop_lanes is None else in_one_call(partial(of_model, model), start)
+                # Where operations are called one by one, loops over few lanes would only make more calls.
+                return of_model(replace(model, loop_lanes=None), start) if found is None else found
 
             return jnp.concatenate([of_method(*one) for one in zip(methods, prepared, strict=True)])
 

@@ -35,15 +35,14 @@ _HOLDS = {
 # fmt: on
 
 
-def in_one_call(function: Callable[..., Array], *arguments: Any) -> Array:
-    """``function`` of the arguments, compiled as one function of machine code where that can hold what is in it."""
+def in_one_call(function: Callable[..., Array], *arguments: Any) -> Array | None:
+    """``function`` of the arguments, compiled as one function of machine code; None where that cannot hold it."""
     traced = jax.make_jaxpr(function)(*arguments)
-    leaves = jax.tree.leaves(arguments)
     if not all(name in _HOLDS for name in _primitives(traced.jaxpr)):
-        return jaxpr_as_fun(traced)(*leaves)[0]
+        return None
     whole = jax.jit(jaxpr_as_fun(traced))
     with set_xla_metadata(**_ATTRIBUTES):
-        return whole(*leaves)[0]
+        return whole(*jax.tree.leaves(arguments))[0]
 
 
 def _primitives(jaxpr: Any) -> Iterator[str]:
