@@ -10,14 +10,23 @@ from typing import Any, NamedTuple, TypeVar
 
 import jax
 import jax.numpy as jnp
-import numpy as np
 from jax import Array
 
 from pl_mc.kernels.small_matrix import lower_triangle
 
+# Columns of the design that are coordinates; the others are clocks.
 COORDINATES = 3
 
 Result = TypeVar("Result")
+
+
+def clocks_apart(t: int) -> list[tuple[int, int]]:
+    """Row and column of each element of N that can differ from zero: those of the coordinates as in `lower_triangle`,
+
+    then for each clock those with the coordinates and its own.
+    """
+    clocks = range(COORDINATES, t)
+    return lower_triangle(COORDINATES) + [(clock, k) for clock in clocks for k in (*range(COORDINATES), clock)]
 
 
 class Solved(NamedTuple):
@@ -43,7 +52,7 @@ def eliminate_clocks(
     The steps stand in conditionals for the reasons given at `pl_mc.kernels.small_matrix.eliminate`.
 
     Args:
-        packed: (t (t + 1) / 2, ...), N in the order of `lower_triangle`; elements between clocks are not looked at.
+        packed: N in the order of `clocks_apart`, along the first axis; what follows is not looked at.
         right: (t, ...), the right-hand side.
         floor: (t,), the smallest acceptable pivots in this order of elimination.
         empty: (t,), 1 for a clock that drops out of the problem, else 0.
@@ -52,15 +61,16 @@ def eliminate_clocks(
     """
     t = right.shape[0]
     clocks = range(COORDINATES, t)
-    place = {entry: k for k, entry in enumerate(lower_triangle(t))}
-    square = np.array([[place[max(i, j), min(i, j)] for j in range(COORDINATES)] for i in range(COORDINATES)])
+    place = {entry: k for k, entry in enumerate(clocks_apart(t))}
 
     def shared(packed: Array, clock: int) -> Array:
         first = place[clock, 0]
         return packed[first : first + COORDINATES]
 
-    def without_clocks(packed: Array, right: Array) -> tuple[Array, Array, tuple[Array, ...], Array]:
-        left, sides = packed[square], right[:COORDINATES]
+    def without_clocks(packed: Array, right: Array) -> tuple[tuple[Array, ...], Array, tuple[Array, ...], Array]:
+        # Row by row of the lower triangle, in slices: nothing is gathered.
+        left = [packed[place[k, 0] : place[k, k] + 1] for k in range(COORDINATES)]
+        sides = right[:COORDINATES]
         regular = jnp.ones(right.shape[1:], bool)
         inverses = []
         for clock in clocks:
@@ -70,13 +80,13 @@ def eliminate_clocks(
             inverses.append(1.0 / jnp.where(sound, pivot, jnp.ones_like(pivot)))
             column = shared(packed, clock)
             scaled = column * inverses[-1]
-            left = left - column[:, None] * scaled[None]
+            left = [row - column[k] * scaled[: k + 1] for k, row in enumerate(left)]
             sides = sides - scaled * right[clock]
-        return left, sides, tuple(inverses), regular
+        return tuple(left), sides, tuple(inverses), regular
 
-    def coordinates(left: Array, sides: Array) -> tuple[tuple[Array, ...], tuple[Array, ...], Array]:
+    def coordinates(left: tuple[Array, ...], sides: Array) -> tuple[tuple[Array, ...], tuple[Array, ...], Array]:
         # By Cramer's rule, which has one division; a compiler repeats the rest for each result at little cost.
-        a, b, c, d, e, f = left[0, 0], left[1, 0], left[2, 0], left[1, 1], left[2, 1], left[2, 2]
+        a, b, c, d, e, f = left[0][0], left[1][0], left[2][0], left[1][1], left[2][1], left[2][2]
         minor = ((d * f - e * e, c * e - b * f, b * e - c * d), (a * f - c * c, b * c - a * e), (a * d - b * b,))
         determinant = a * minor[0][0] + b * minor[0][1] + c * minor[0][2]
         # Pivots are a, minor / a and determinant / minor.

@@ -13,11 +13,9 @@ import jax.numpy as jnp
 import numpy as np
 from jax import Array
 
+from pl_mc.kernels.clock_elimination import COORDINATES, clocks_apart
 from pl_mc.kernels.small_matrix import cholesky, inverse_columns, lower_triangle, pivot_floor, solve
 from pl_mc.kernels.twins import Twins, twins_of
-
-# Columns of the design that are coordinates; the others are clocks.
-COORDINATES = 3
 
 # A satellite with a smaller redundancy number is not checked by the others: its residual is always zero.
 REDUNDANCY_FLOOR = 1e-10
@@ -46,6 +44,8 @@ class LinearModel:
         mask_row: (1, n), ``in_view`` as a matrix.
         products: (t (t + 1) / 2 + 1, n), products of pairs of design columns [1/m^2] and the mask: N of any weights
             and their sum are one matrix product with these.
+        products_apart: the same without products of two clocks, in the order of `clocks_apart`; empty unless
+            ``one_clock_per_row``, where those are zero.
         gain: (t, n), N^-1 A' P^(1/2): the least-squares state is this times the whitened observations [m].
         cofactor: (t,), diagonal of N^-1 [m^2].
         redundancy: (n,), redundancy numbers, the diagonal of I - A N^-1 A' P; zero on padding.
@@ -72,6 +72,7 @@ class LinearModel:
     design_rows: Array
     mask_row: Array
     products: Array
+    products_apart: Array
     gain: Array
     cofactor: Array
     redundancy: Array
@@ -124,13 +125,17 @@ def linear_model(
     inverse_sigma = jnp.where(checked, jax.lax.rsqrt(jnp.where(checked, redundancy, 1.0)), 0.0)
     unknowns = t - jnp.sum(empty)
     dof = jnp.sum(mask) - unknowns
+    place = {entry: k for k, entry in enumerate(lower_triangle(t))}
+    apart = np.array([place[entry] for entry in clocks_apart(t)] + [len(place)] if one_clock_per_row else [], int)
+    products_and_mask = jnp.concatenate([products, mask[None]])
     return LinearModel(
         design=whitened,
         weight_root=weight_root,
         in_view=mask,
         design_rows=whitened.T,
         mask_row=mask[None],
-        products=jnp.concatenate([products, mask[None]]),
+        products=products_and_mask,
+        products_apart=products_and_mask[apart],
         gain=gain,
         cofactor=cofactor,
         redundancy=redundancy,

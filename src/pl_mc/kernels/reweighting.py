@@ -295,7 +295,7 @@ def solve_weighted(
 
     ``relative`` weights count by their ratios alone: a common factor, however small, leaves no pivot too small.
     """
-    sums = product(model.products, weights)
+    sums = product(model.products_apart if model.one_clock_per_row else model.products, weights)
     right = product(model.design_rows, weights * start.residuals)
     # The last row, the sum of the weights, stays: cutting it off would copy all others.
     normal = sums
