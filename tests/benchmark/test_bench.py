@@ -108,11 +108,17 @@ def test_batched_numpy_is_the_slow_reference(k0, k1):
     assert (undetermined > 10) == (k1 < 5)
 
 
-def test_batched_numpy_counts_what_the_sweep_counts():
+@pytest.fixture(scope="module")
+def table():
+    """One block of noise under every fault, of the shape that a repetition in tiny sizes has."""
+    g = reference_geometry()
+    return pl_mc.sweep(g, reference_faults(g), draws=LANES, seed=4, methods=METHODS, workers=1, progress=False)
+
+
+def test_batched_numpy_counts_what_the_sweep_counts(table):
     """On the sweep's own noise, fault by fault and event by event."""
     g = reference_geometry()
     faults = reference_faults(g)
-    table = pl_mc.sweep(g, faults, draws=LANES, seed=4, methods=METHODS, workers=1, progress=False)
     noise = np.asarray(unit_noise(epoch_key(np.uint32(4), np.uint32(0)), np.int32(0), len(g.names), np.float64))
     counts = count_events(g, faults.bias_m, noise.T, pl_mc.LPV_200.vertical_m)
     for k, method in enumerate(("ls", ROBUST.name)):
@@ -213,9 +219,7 @@ def test_every_event_of_the_engine_is_told_in_its_order():
     ]
 
 
-def test_rates_of_both_precisions_have_intervals_that_know_of_shared_noise():
-    g = reference_geometry()
-    table = pl_mc.sweep(g, reference_faults(g), draws=LANES, seed=4, workers=1, progress=False)
+def test_rates_of_both_precisions_have_intervals_that_know_of_shared_noise(table):
     rates = event_rates({"float64": table, "float32": table})
     assert overlapping(rates) == (18, 18)
     assert all(rate.independent_draws == LANES and rate.draws == 20 * LANES for rate in rates)

@@ -28,6 +28,7 @@ from pl_mc.runtime import whole_files
 from reference import killed_sweep
 from reference import small_sweep as small
 from reference.damage import CHANGED, changed
+from reference.forked import Forked
 from reference.killed_sweep import PARTS
 from reference.small_sweep import assert_same, cut
 
@@ -135,7 +136,7 @@ def test_killed_at_any_moment(tmp_path):
     with cut(2):
         table = small.run(folder=folder, methods=killed_sweep.METHODS)
     here = tmp_path / "sweep"
-    command = killed_sweep.program(here)
+    program = killed_sweep.program(here)
     moments = random.Random(61)
     killed = 0
     for _ in range(3):
@@ -146,12 +147,13 @@ def test_killed_at_any_moment(tmp_path):
         def more(before=before):
             return len(list(here.glob("part-*.parquet"))) > before
 
-        killed += killed_sweep.ended_after(command, more, moments.uniform(0, 0.15)) == -signal.SIGKILL
+        killed += killed_sweep.ended_after(program, more, moments.uniform(0, 0.15)) == -signal.SIGKILL
         # What stands under the name of a part is a whole part.
         assert len(killed_sweep.whole_parts(here)) >= before
     assert killed >= 2
-    done = subprocess.run(command, capture_output=True, text=True, check=False)
-    assert done.returncode == 0, done.stderr
+    done = Forked(program)
+    said = done.communicate()[1]
+    assert done.returncode == 0, said
     assert_same(pd.read_pickle(killed_sweep.table_of(here)), table)
     assert small.contents(here) == small.contents(folder)
 
