@@ -30,7 +30,9 @@ from typing import Any
 IMPORTED = ("jax", "pandas", "scipy.stats", "matplotlib.pyplot", "pl_mc.cli.main", "pl_mc.experiments.running")
 
 # JAX reads its variables when it is imported: those that tests change are read anew.
-OF_JAX = {"JAX_COMPILATION_CACHE_DIR": str, "JAX_PERSISTENT_CACHE_MIN_COMPILE_TIME_SECS": float}
+OF_JAX = {
+    "JAX_COMPILATION_CACHE_DIR": str, "JAX_PERSISTENT_CACHE_MIN_COMPILE_TIME_SECS": float, "JAX_PLATFORMS": str,
+}  # fmt: skip
 
 # Between two looks whether a fork has ended [s].
 _LOOK_S = 0.005
