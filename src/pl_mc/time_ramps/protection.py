@@ -24,7 +24,7 @@ from pl_mc.engine.checks import require_geometry_and_alert
 from pl_mc.geometry.record import UP, Geometry
 from pl_mc.input_errors import InputError
 from pl_mc.named import as_records
-from pl_mc.runtime.precision import precision_scope
+from pl_mc.runtime.precision import on_device, precision_scope
 from pl_mc.time_ramps.filter_bank import FilterBank, SeparationLevels, separation_levels
 from pl_mc.time_ramps.filters import FilterModel, Gains, beside, filter_model, ramp_response
 from pl_mc.time_ramps.signals import NoiseInTime, Rows, rows_by_satellite, unit_ramp_m
@@ -149,7 +149,7 @@ def _snapshot(budget: FilterBank, rows: Rows, ramp_m: FloatArray, place: int, on
     design = np.moveaxis(rows.design * (seen / rows.sigma_m)[:, :, None], 0, -1)
     excluded = np.broadcast_to(np.eye(satellites, dtype=bool)[:, :, None], (satellites, satellites, len(seen)))
     ones = jnp.ones((satellites, len(seen)))
-    whole, modes = jax.jit(fit_subsets)(jnp.asarray(design), jnp.asarray(seen.T), jnp.asarray(excluded), 0 * ones, ones)
+    whole, modes = jax.jit(fit_subsets)(on_device(design), on_device(seen.T), on_device(excluded), 0 * ones, ones)
     sigma = np.concatenate([np.asarray(whole.sigma_m[UP])[None], np.asarray(modes.sigma_m[UP])]).T
     solved = np.concatenate([np.asarray(whole.regular)[None], np.asarray(modes.regular)]).T
     levels = separation_levels(budget, rows, sigma, solved, seen)
