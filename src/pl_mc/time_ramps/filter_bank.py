@@ -209,12 +209,18 @@ def separation_levels(
         """The same on all three axes, of which the last is used."""
         return on_device(np.broadcast_to(values.T, (UP + 1, *values.T.shape)))
 
-    nothing, empty = jnp.zeros((UP + 1, used.shape[1], len(used))), jnp.zeros((UP + 1, 1, used.shape[1], len(used)))
-    whole = Whole(axes(sigma[:, 0]), nothing[:, 0], axes(sigma[:, 0]), on_device(solved[:, 0]), empty[:, :, 0])
-    modes = Subsets(empty, axes(sigma[:, 1:]), nothing, axes(separation), on_device(solved[:, 1:].T))
+    def nothing(*shape: int) -> Array:
+        return axes(np.zeros(shape).T)
+
+    epochs, satellites = used.shape
+    whole = Whole(axes(sigma[:, 0]), nothing(epochs), axes(sigma[:, 0]), on_device(solved[:, 0]), nothing(1, epochs))
+    modes = Subsets(
+        nothing(1, satellites, epochs), axes(sigma[:, 1:]), nothing(satellites, epochs), axes(separation),
+        on_device(solved[:, 1:].T),
+    )  # fmt: skip
     priors = Priors(
         on_device(np.where(used, one[:, None], 0.0).T), on_device(np.maximum(1.0 - none - number * one, 0.0))
     )
-    levels = jax.jit(solve_levels)(whole, modes, priors, figures(bank.budget, used.shape[1]))
-    threshold, level = np.asarray(levels.threshold_m[UP]).T, np.asarray(levels.level_m[UP])
+    levels = jax.jit(solve_levels)(whole, modes, priors, figures(bank.budget, satellites))
+    threshold, level = np.asarray(levels.threshold_m)[UP].T, np.asarray(levels.level_m)[UP]
     return SeparationLevels(np.where(solved, sigma_m, np.inf), threshold, level)

@@ -110,11 +110,11 @@ def pass_plan(
         design=on_device(rows.design),
         sigma_m=on_device(rows.sigma_m),
         in_view=on_device(rows.in_view),
-        bias_m=jnp.zeros((len(rows.design), 1, len(rows.names))),
-        applies=jnp.ones((len(rows.design), 1), bool),
-        epoch=jnp.arange(len(rows.design), dtype=jnp.uint32),
+        bias_m=on_device(np.zeros((len(rows.design), 1, len(rows.names)))),
+        applies=on_device(np.ones((len(rows.design), 1), bool)),
+        epoch=on_device(np.arange(len(rows.design), dtype=np.uint32)),
         one_clock_per_row=has_one_clock_per_row(rows.design),
-        satellite=None if rows.codes is None else jnp.broadcast_to(rows.codes, rows.sigma_m.shape),
+        satellite=None if rows.codes is None else on_device(np.broadcast_to(rows.codes, rows.sigma_m.shape)),
     )
     models, prepared = _prepare_all(batch, as_trees(methods))
     return PassPlan(

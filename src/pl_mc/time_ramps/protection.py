@@ -11,7 +11,6 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import jax
-import jax.numpy as jnp
 import numpy as np
 import pandas as pd
 from numpy.typing import ArrayLike
@@ -24,7 +23,7 @@ from pl_mc.engine.checks import require_geometry_and_alert
 from pl_mc.geometry.record import UP, Geometry
 from pl_mc.input_errors import InputError
 from pl_mc.named import as_records
-from pl_mc.runtime.precision import on_device, precision_scope
+from pl_mc.runtime.precision import precision_scope
 from pl_mc.time_ramps.filter_bank import FilterBank, SeparationLevels, separation_levels
 from pl_mc.time_ramps.filters import FilterModel, Gains, beside, filter_model, ramp_response
 from pl_mc.time_ramps.signals import NoiseInTime, Rows, rows_by_satellite, unit_ramp_m
@@ -148,13 +147,13 @@ def _snapshot(budget: FilterBank, rows: Rows, ramp_m: FloatArray, place: int, on
     seen, satellites = rows.in_view, len(rows.names)
     design = np.moveaxis(rows.design * (seen / rows.sigma_m)[:, :, None], 0, -1)
     excluded = np.broadcast_to(np.eye(satellites, dtype=bool)[:, :, None], (satellites, satellites, len(seen)))
-    ones = jnp.ones((satellites, len(seen)))
-    whole, modes = jax.jit(fit_subsets)(on_device(design), on_device(seen.T), on_device(excluded), 0 * ones, ones)
-    sigma = np.concatenate([np.asarray(whole.sigma_m[UP])[None], np.asarray(modes.sigma_m[UP])]).T
-    solved = np.concatenate([np.asarray(whole.regular)[None], np.asarray(modes.regular)]).T
+    ones = np.ones((satellites, len(seen)))
+    whole, modes = jax.tree.map(np.asarray, jax.jit(fit_subsets)(design, seen.T, excluded, 0 * ones, ones))
+    sigma = np.concatenate([whole.sigma_m[UP][None], modes.sigma_m[UP]]).T
+    solved = np.concatenate([whole.regular[None], modes.regular]).T
     levels = separation_levels(budget, rows, sigma, solved, seen)
     # What whitened observations add to the error and to the separation, (T, 2, m).
-    maps = np.moveaxis(np.stack([np.asarray(whole.gain[UP]), np.asarray(modes.difference[UP, :, place])]), -1, 0)
+    maps = np.moveaxis(np.stack([whole.gain[UP], modes.difference[UP, :, place]]), -1, 0)
     up_m = np.einsum("eqi,ei->eq", maps, ramp_m * seen / rows.sigma_m)
     known = np.where(solved[:, [0, 1 + place]].all(axis=1), 1.0, np.nan)
     covariance = maps @ np.swapaxes(maps, 1, 2) * known[:, None, None]
