@@ -21,6 +21,7 @@ import socket
 import subprocess
 import sys
 import time
+import warnings
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 from types import ModuleType
@@ -174,7 +175,10 @@ def _serve(line: socket.socket) -> tuple[dict[str, Any], list[int]]:
             if not message:
                 os._exit(0)
             *streams, says = files
-            pid = os.fork()
+            with warnings.catch_warnings():
+                # Of the thread that frees the memory of a library, and of nobody's work.
+                warnings.simplefilter("ignore", DeprecationWarning)
+                pid = os.fork()
             if not pid:
                 for number in (*running.values(), says):
                     os.close(number)
