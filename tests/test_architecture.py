@@ -8,6 +8,7 @@ to what is found on first use and is there to point at everything.
 from __future__ import annotations
 
 import ast
+import functools
 from collections.abc import Iterator, Mapping
 from pathlib import Path
 
@@ -56,6 +57,7 @@ def files(root: Path) -> dict[str, Path]:
     return names
 
 
+@functools.cache
 def imports(root: Path) -> list[Import]:
     """Every import of one file of a package by another, at the top or inside a function.
 

@@ -14,6 +14,7 @@ import pytest
 
 from pl_mc.runtime import kept_programs
 from pl_mc.runtime.kept_programs import KeptPrograms, cache_folder
+from reference.forked import Forked
 
 OF_JAX = "JAX_COMPILATION_CACHE_DIR"
 # Says how many programs JAX looked for, and how many of them it found.
@@ -47,14 +48,18 @@ def environment(**variables: str) -> dict[str, str]:
     return {name: value for name, value in os.environ.items() if name not in ours} | variables
 
 
-def answered(folder: Path | str, **variables: str) -> tuple[str, int, int]:
+def answered(folder: Path | str, *, forked: bool = True, **variables: str) -> tuple[str, int, int]:
     """What the small program prints: its number, the programs that it looked for, and those that it found."""
-    done = subprocess.run(
-        [sys.executable, "-c", COUNTED], env=environment(**{kept_programs.VARIABLE: str(folder)} | variables),
-        capture_output=True, text=True, timeout=240, check=True,
-    )  # fmt: skip
-    assert done.stderr == ""
-    number, asked, found = done.stdout.split()
+    given = environment(**{kept_programs.VARIABLE: str(folder)} | variables)
+    if forked:
+        out, err = Forked(COUNTED, env=given).communicate()
+    else:
+        done = subprocess.run(
+            [sys.executable, "-c", COUNTED], env=given, capture_output=True, text=True, timeout=240, check=True
+        )
+        out, err = done.stdout, done.stderr
+    assert err == ""
+    number, asked, found = out.split()
     return number, int(asked), int(found)
 
 
@@ -99,13 +104,14 @@ def test_without_a_folder_all_is_compiled_and_nothing_is_said(folder: str, tmp_p
 def test_a_folder_of_ones_own_choice_is_left_to_jax(tmp_path: Path) -> None:
     ours, theirs = tmp_path / "ours", tmp_path / "theirs"
     variables = {OF_JAX: str(theirs), "JAX_PERSISTENT_CACHE_MIN_COMPILE_TIME_SECS": "0"}
-    number = answered(ours, **variables)[0]
+    # JAX reads its variables as it is imported.
+    number = answered(ours, forked=False, **variables)[0]
     files = list(theirs.iterdir())
     assert files
-    assert answered(ours, **variables)[2] > 0
+    assert answered(ours, forked=False, **variables)[2] > 0
     for path in files:
         path.write_bytes(b"spoilt")
-    assert answered(ours, **variables)[::2] == (number, 0)
+    assert answered(ours, forked=False, **variables)[::2] == (number, 0)
     assert not ours.exists()
 
 
@@ -125,11 +131,11 @@ def test_counts_are_the_same_with_kept_programs_and_without(tmp_path: Path) -> N
     tables = []
     for number, folder in enumerate(("off", str(tmp_path / "programs"), str(tmp_path / "programs"))):
         out = tmp_path / f"out{number}"
-        done = subprocess.run(
-            [sys.executable, "-m", "pl_mc.cli.main", "run", str(file), "--out", str(out), "-q"],
-            env=environment(**{kept_programs.VARIABLE: folder}), capture_output=True, text=True, timeout=240,
+        done = Forked(
+            "from pl_mc.cli.main import main\nmain()", ["run", str(file), "--out", str(out), "-q"],
+            env=environment(**{kept_programs.VARIABLE: folder}),
         )  # fmt: skip
-        assert (done.stdout, done.stderr) == (f"{out}\n", "")
+        assert done.communicate() == (f"{out}\n", "")
         tables.append((out / "rates.csv").read_bytes())
     assert kept(tmp_path / "programs")
     assert tables[0] == tables[1] == tables[2]

@@ -23,11 +23,15 @@ from pl_mc.experiments.output import result_folder
 from pl_mc.input_errors import InputError
 from pl_mc.report.run_folder import MANIFEST, earlier_place
 from pl_mc.runtime.stopping import stoppable
+from reference.forked import Forked
 
-EXPERIMENT = """
+# Few solutions, which are compiled soon.
+METHODS = 'methods = ["ls", { name = "igg3", iterations = 2 }]'
+EXPERIMENT = f"""
 kind = "sweep"
 title = "A ramp"
-draws = 40000
+{METHODS}
+draws = 16000
 [geometry]
 epochs = 4
 epoch = 2
@@ -61,16 +65,12 @@ main()
 )
 
 
-def started(folder: Path, *arguments: str, program: str = PROGRAM, slow_s: float = 0.0) -> subprocess.Popen[str]:
+def started(folder: Path, *arguments: str, slow_s: float = 0.0) -> Forked:
     (folder / "one.toml").write_text(EXPERIMENT)
-    return subprocess.Popen(
-        [sys.executable, "-c", program, *arguments],
-        cwd=folder, env=os.environ | {"SLOW_DISK_S": str(slow_s)}, stdout=subprocess.PIPE, stderr=subprocess.PIPE,
-        text=True,
-    )  # fmt: skip
+    return Forked(PROGRAM, arguments, cwd=folder, env=os.environ | {"SLOW_DISK_S": str(slow_s)})
 
 
-def wait_for(condition: Callable[[], bool], process: subprocess.Popen[str], limit_s: float = 120.0) -> None:
+def wait_for(condition: Callable[[], bool], process: Forked, limit_s: float = 120.0) -> None:
     end = time.monotonic() + limit_s
     while not condition() and process.poll() is None and time.monotonic() < end:
         time.sleep(0.01)
@@ -78,7 +78,7 @@ def wait_for(condition: Callable[[], bool], process: subprocess.Popen[str], limi
 
 @pytest.mark.parametrize(("number", "code"), [(signal.SIGINT, 130), (signal.SIGTERM, 143), (signal.SIGHUP, 129)])
 def test_each_signal_keeps_the_parts_and_says_so(tmp_path: Path, number: int, code: int) -> None:
-    process = started(tmp_path, "run", "one.toml", "--workers", "1", slow_s=0.2)
+    process = started(tmp_path, "run", "one.toml", "--workers", "1", slow_s=0.3)
     wait_for(lambda: any(tmp_path.glob("runs/one.unfinished/sweep/part-*.parquet")), process)
     process.send_signal(number)
     # A second one, as from a terminal and a parent both, changes nothing.
@@ -96,12 +96,12 @@ def test_ctrl_c_ends_with_130_whenever_it_comes(tmp_path: Path, monkeypatch: pyt
     """While modules are loaded, functions are traced and compiled, and scenarios are counted."""
     monkeypatch.delenv("JAX_COMPILATION_CACHE_DIR", raising=False)
     moments = random.Random(65)
+    (tmp_path / "one.toml").write_text(EXPERIMENT.replace(METHODS, ""))
+    # So many draws that it does not end by itself, however fast the machine.
+    program = SIGNALS + "from pl_mc.cli.main import main; main()"
+    command = [sys.executable, "-c", program, "run", "one.toml", "--fresh", "--draws", "400000000"]
     for _ in range(4):
-        # So many draws that it does not end by itself, however fast the machine.
-        process = started(
-            tmp_path, "run", "one.toml", "--fresh", "--draws", "400000000",
-            program=SIGNALS + "from pl_mc.cli.main import main; main()",
-        )  # fmt: skip
+        process = subprocess.Popen(command, cwd=tmp_path, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True)
         time.sleep(1.0 + moments.uniform(0.0, 5.0))
         process.send_signal(signal.SIGINT)
         said = process.communicate(timeout=60)[1]
@@ -214,7 +214,7 @@ def test_two_runs_into_one_folder_at_once(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
     """The second gets a sentence; the lock of one that was killed is nobody's; shares may write together."""
-    first = started(tmp_path, "run", "one.toml", slow_s=0.5)
+    first = started(tmp_path, "run", "one.toml", slow_s=0.8)
     wait_for(lambda: any(tmp_path.glob("runs/one.unfinished/sweep/part-*.parquet")), first)
     monkeypatch.chdir(tmp_path)
     said = said_by(capsys, "run", "one.toml", "--resume", code=2)
@@ -263,7 +263,8 @@ def test_killed_while_a_result_is_replaced(tmp_path: Path, renames: int, left: s
     folder = tmp_path / "one"
     folder.mkdir()
     (folder / MANIFEST).write_text("old")
-    done = subprocess.run([sys.executable, "-c", REPLACING, str(folder), str(renames)], check=False)
+    done = Forked(REPLACING, [str(folder), str(renames)])
+    done.communicate()
     assert done.returncode == -signal.SIGKILL
     assert folder.exists() == (renames != 1)
     if renames == 1:
@@ -307,7 +308,7 @@ def test_an_interrupt_between_the_renames_leaves_no_gap(tmp_path: Path, monkeypa
 @pytest.fixture
 def small(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
     monkeypatch.chdir(tmp_path)
-    (tmp_path / "one.toml").write_text(EXPERIMENT.replace("40000", "300"))
+    (tmp_path / "one.toml").write_text(EXPERIMENT.replace("16000", "300"))
     return tmp_path
 
 
@@ -396,7 +397,7 @@ def test_a_damaged_record_costs_no_part(
 def made(tmp_path_factory: pytest.TempPathFactory) -> dict:
     """The manifest of a finished run."""
     folder = tmp_path_factory.mktemp("made")
-    (folder / "one.toml").write_text(EXPERIMENT.replace("40000", "300"))
+    (folder / "one.toml").write_text(EXPERIMENT.replace("16000", "300"))
     main(("run", str(folder / "one.toml"), "--out", str(folder / "made")))
     return json.loads((folder / "made" / MANIFEST).read_text())
 

@@ -5,8 +5,6 @@ from __future__ import annotations
 import builtins
 import os
 import signal
-import subprocess
-import sys
 import threading
 import time
 from collections.abc import Iterator
@@ -20,6 +18,7 @@ from pl_mc.engine import dask_adapter
 from pl_mc.engine import part_task as identity
 from pl_mc.input_errors import InputError
 from reference import small_sweep as small
+from reference.forked import Forked
 from reference.small_sweep import assert_same, cut
 
 METHODS = ("ls",)
@@ -32,9 +31,9 @@ def expected() -> pd.DataFrame:
 
 @pytest.fixture(scope="module")
 def cluster() -> Iterator[LocalCluster]:
-    """Two processes that start from nothing, as they would on other machines."""
+    """Two processes that know nothing of this one, as on other machines: of a server that has loaded Dask alone."""
     with (
-        dask.config.set({"distributed.worker.multiprocessing-method": "spawn"}),
+        dask.config.set({"distributed.worker.multiprocessing-method": "forkserver"}),
         LocalCluster(
             n_workers=2, threads_per_worker=1, processes=True, dashboard_address="127.0.0.1:0", silence_logs=50
         ) as cluster,
@@ -103,15 +102,17 @@ def test_a_worker_that_dies_costs_time_alone(cluster, expected, tmp_path):
 def test_when_all_workers_are_gone_it_ends(tmp_path, monkeypatch):
     """Workers of a scheduler that starts none anew: a sentence within half a minute, and the parts are kept."""
     monkeypatch.setattr(dask_adapter, "LONELY_S", 3.0)
-    worker = [sys.executable, "-m", "distributed.cli.dask_worker", "--no-nanny", "--nthreads", "1", "--no-dashboard"]
+    program = "import runpy\nrunpy.run_module('distributed.cli.dask_worker', run_name='__main__')"
+    options = ("--no-nanny", "--nthreads", "1", "--no-dashboard")
     with (
         LocalCluster(
             n_workers=0, processes=False, protocol="tcp", dashboard_address="127.0.0.1:0", silence_logs=50
         ) as empty,
         Client(empty) as client,
+        open(os.devnull, "wb") as nowhere,
     ):
-        quiet = {"stdout": subprocess.DEVNULL, "stderr": subprocess.DEVNULL}
-        both = [subprocess.Popen([*worker, empty.scheduler_address], **quiet) for _ in range(2)]
+        quiet = {"stdout": nowhere, "stderr": nowhere}
+        both = [Forked(program, [*options, empty.scheduler_address], **quiet) for _ in range(2)]
         client.wait_for_workers(2, timeout=60)
         ended = []
 

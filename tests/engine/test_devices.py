@@ -3,8 +3,6 @@
 from __future__ import annotations
 
 import os
-import subprocess
-import sys
 from functools import partial
 from pathlib import Path
 
@@ -20,6 +18,7 @@ from pl_mc.kernels.noise import LANES
 from pl_mc.methods import as_methods
 from pl_mc.runtime.precision import dtype_of
 from reference import small_sweep as small
+from reference.forked import Forked
 from reference.small_sweep import cut
 
 # Bits, across threads, parts and processes: as users compile.
@@ -28,8 +27,9 @@ pytestmark = pytest.mark.optimised
 TESTS = Path(__file__).parents[1]
 
 PROGRAM = """
-import sys, tempfile
+import sys, tempfile, warnings
 from pathlib import Path
+warnings.simplefilter("error")
 sys.path.insert(0, {tests!r})
 import jax
 from pl_mc.kernels.noise import LANES
@@ -68,12 +68,10 @@ print(*alone["alarms"])
 def test_two_devices_count_as_one():
     flags = f"{os.environ['XLA_FLAGS']} --xla_force_host_platform_device_count=2"
     environment = os.environ | {"XLA_FLAGS": flags, "JAX_PLATFORMS": "cpu"}
-    done = subprocess.run(
-        [sys.executable, "-W", "error", "-c", PROGRAM.format(tests=str(TESTS))],
-        capture_output=True, text=True, env=environment, check=False,
-    )  # fmt: skip
-    assert done.returncode == 0, done.stderr
-    refused, alarms = done.stdout.splitlines()
+    done = Forked(PROGRAM.format(tests=str(TESTS)), env=environment)
+    out, err = done.communicate()
+    assert done.returncode == 0, err
+    refused, alarms = out.splitlines()
     assert refused.startswith("devices: 3 were asked for, but JAX finds 2 (cpu); for more devices on a processor set")
     # One device among two counts as the only one.
     with cut(2):

@@ -10,7 +10,6 @@ import random
 import shutil
 import signal
 import subprocess
-import sys
 import tempfile
 from pathlib import Path
 
@@ -28,6 +27,7 @@ from pl_mc.runtime import whole_files
 from reference import killed_sweep
 from reference import small_sweep as small
 from reference.damage import CHANGED, changed
+from reference.forked import Forked
 from reference.killed_sweep import PARTS
 from reference.small_sweep import assert_same, cut
 
@@ -135,7 +135,7 @@ def test_killed_at_any_moment(tmp_path):
     with cut(2):
         table = small.run(folder=folder, methods=killed_sweep.METHODS)
     here = tmp_path / "sweep"
-    command = killed_sweep.program(here)
+    program = killed_sweep.program(here)
     moments = random.Random(61)
     killed = 0
     for _ in range(3):
@@ -146,12 +146,13 @@ def test_killed_at_any_moment(tmp_path):
         def more(before=before):
             return len(list(here.glob("part-*.parquet"))) > before
 
-        killed += killed_sweep.ended_after(command, more, moments.uniform(0, 0.15)) == -signal.SIGKILL
+        killed += killed_sweep.ended_after(program, more, moments.uniform(0, 0.15)) == -signal.SIGKILL
         # What stands under the name of a part is a whole part.
         assert len(killed_sweep.whole_parts(here)) >= before
     assert killed >= 2
-    done = subprocess.run(command, capture_output=True, text=True, check=False)
-    assert done.returncode == 0, done.stderr
+    done = Forked(program)
+    said = done.communicate()[1]
+    assert done.returncode == 0, said
     assert_same(pd.read_pickle(killed_sweep.table_of(here)), table)
     assert small.contents(here) == small.contents(folder)
 
@@ -391,10 +392,10 @@ def test_memory_does_not_grow_with_the_number_of_scenarios(tmp_path):
     """1e6 and 2e7 scenarios, in parts of 2e6; the geometry of 5000 epochs, its plan and its counts are 10 MB."""
     program = MEMORY.format(tests=str(TESTS), folder=str(tmp_path))
     # It counts longer than it compiles.
-    optimised = {name: value for name, value in os.environ.items() if name != "XLA_FLAGS"}
-    done = subprocess.run([sys.executable, "-c", program], capture_output=True, text=True, check=False, env=optimised)
-    assert done.returncode == 0, done.stderr
-    first, second = (float(number) for number in done.stdout.split())
+    done = Forked(program, env={name: value for name, value in os.environ.items() if name != "XLA_FLAGS"})
+    out, err = done.communicate()
+    assert done.returncode == 0, err
+    first, second = (float(number) for number in out.split())
     assert len(list((tmp_path / "large").glob("part-*.parquet"))) >= 10
     assert second < 1024
     assert second - first < 150

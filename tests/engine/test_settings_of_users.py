@@ -42,7 +42,7 @@ SETTINGS = [
 def counted() -> dict[str, pd.DataFrame]:
     """Numbers of every sort of random number, of both precisions, small enough to be compiled anew."""
     single = pl_mc.sweep(G, FAULTS, draws=300, seed=3, methods=("ls",), precision="float32")
-    drawn = pl_mc.sample(G, FAULTS, draws=8, seed=3, methods=("igg3",), noise="student_t")
+    drawn = pl_mc.sample(G, FAULTS, draws=8, seed=3, methods=pl_mc.igg3(iterations=2), noise="student_t")
     found = pl_mc.detect(G[0], pl_mc.no_fault(G[0]), tests=("chi2",), draws=50, seed=3, calibration_draws=200)
     return {"single": single, "drawn": drawn, "detect": found}
 

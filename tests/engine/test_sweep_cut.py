@@ -22,7 +22,7 @@ from pl_mc.methods import Ls
 from pl_mc.methods.base import outcome_of
 from pl_mc.statistics import binomial_p_value
 from reference.problems import appendix_d
-from reference.small_sweep import COUNTS, DRAWS, FAULTS, METHODS, SERIES
+from reference.small_sweep import COUNTS, DRAWS, FAULTS, METHODS, SERIES, cut
 
 # Bits, across threads, parts and processes: as users compile.
 pytestmark = pytest.mark.optimised
@@ -43,8 +43,8 @@ def expected() -> pd.DataFrame:
 def test_any_cut_and_any_number_of_threads(per_call, workers):
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr(plan, "SCENARIOS_PER_CALL", per_call)
-        cut = plan.make_plan(SERIES, FAULTS, DRAWS)
-        assert cut.chunk_count == sum(len(list(cut.chunks(part))) for part in range(cut.part_count))
+        made = plan.make_plan(SERIES, FAULTS, DRAWS)
+        assert made.chunk_count == sum(len(list(made.chunks(part))) for part in range(made.part_count))
         found = pl_mc.sweep(SERIES, FAULTS, draws=DRAWS, seed=51, methods=METHODS, by_epoch=True, workers=workers)
     pd.testing.assert_frame_equal(found, expected())
 
@@ -90,12 +90,15 @@ def test_padding_changes_no_count():
 
 
 def test_fewer_draws_are_the_first_of_more():
-    """The counts of single draws, cut off anywhere, are the counts of a shorter sweep."""
-    single = pl_mc.sample(SERIES[:1], FAULTS, draws=DRAWS, seed=51, methods=("ls",))
+    """The counts of single draws, cut off anywhere, are the counts of a shorter sweep, in calls of one block."""
+    single = pl_mc.sample(SERIES[:1], FAULTS, draws=DRAWS, seed=51, methods=METHODS)
+    keys = ["method", "fault"]
     for draws in (1, LANES, LANES + 1):
-        table = pl_mc.sweep(SERIES[:1], FAULTS, draws=draws, seed=51, methods=("ls",), by_epoch=True, workers=1)
-        alarms = single[single["draw"] < draws].groupby("fault", sort=False)["alarm"].sum()
-        np.testing.assert_array_equal(table.set_index("fault")["alarms"], alarms[table["fault"]])
+        with cut(1, 1):
+            table = pl_mc.sweep(SERIES[:1], FAULTS, draws=draws, seed=51, methods=METHODS, by_epoch=True, workers=1)
+        alarms = single[single["draw"] < draws].groupby(keys, sort=False)["alarm"].sum()
+        found = table.set_index(keys)["alarms"]
+        np.testing.assert_array_equal(found, alarms[found.index])
 
 
 def test_methods_see_the_same_noise_whoever_else_is_there():
@@ -115,6 +118,7 @@ def test_another_seed_gives_other_counts():
     assert np.all(np.abs(other["alarms"] - expected()["alarms"]) < 5 * spread)
 
 
+@pytest.mark.quick
 def test_single_precision_has_the_same_rates():
     g = appendix_d(noise=4.0)
     faults = pl_mc.no_fault(g) + pl_mc.biases(g, {"G03": 40.0})
@@ -151,6 +155,7 @@ class Traced:
         return outcome_of(estimate, protection_levels(estimate))
 
 
+@pytest.mark.quick
 def test_a_sweep_compiles_once_for_a_shape():
     g = appendix_d()
     for k in range(4):

@@ -181,7 +181,7 @@ def _hits(
     rng: np.random.Generator, chain: int,
 ) -> Iterator[Kill]:  # fmt: skip
     """Kills of one sweep, until it was killed so often or ended by itself."""
-    command = killed_sweep.program(here, slow_s=slow_s)
+    program = killed_sweep.program(here, slow_s=slow_s)
     for _ in range(most):
         before = _parts(here)
         killed_sweep.begun_of(here).unlink(missing_ok=True)
@@ -194,7 +194,7 @@ def _hits(
 
             longest = (PARTS - len(before)) * (slow_s + 0.01)
         start = time.perf_counter()
-        code = ended_after(command, begun, float(rng.uniform(0, longest)))
+        code = ended_after(program, begun, float(rng.uniform(0, longest)))
         if code == 0:
             return
         assert code == -signal.SIGKILL, code

@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-import subprocess
-import sys
 import time
 from collections.abc import Callable
 from pathlib import Path
@@ -11,6 +9,7 @@ from pathlib import Path
 from pl_mc.engine.checkpoint_store import CheckpointStore
 from pl_mc.methods import as_methods
 from reference import small_sweep as small
+from reference.forked import Forked
 
 METHODS = ("ls",)
 PARTS = 12
@@ -34,17 +33,16 @@ table.to_pickle({table!r})
 """
 
 
-def program(folder: Path, *, slow_s: float = 0.04) -> list[str]:
-    """The command that goes on with a sweep of `PARTS` parts in a folder.
+def program(folder: Path, *, slow_s: float = 0.04) -> str:
+    """The program that goes on with a sweep of `PARTS` parts in a folder.
 
     A file takes ``slow_s`` longer, between its temporary file and its place: most of the time the sweep is there.
     Beside the folder it leaves `table_of`, and, when the sweep begins, `begun_of`.
     """
-    made = _PROGRAM.format(
+    return _PROGRAM.format(
         tests=str(Path(__file__).parents[1]), slow_s=slow_s, begun=str(begun_of(folder)), folder=str(folder),
         methods=METHODS, table=str(table_of(folder)),
     )  # fmt: skip
-    return [sys.executable, "-c", made]
 
 
 def table_of(folder: Path) -> Path:
@@ -57,9 +55,9 @@ def begun_of(folder: Path) -> Path:
     return folder.with_name(f"{folder.name}.begun")
 
 
-def ended_after(command: list[str], begun: Callable[[], bool], seconds: float) -> int:
+def ended_after(program: str, begun: Callable[[], bool], seconds: float) -> int:
     """The return code of a process that is killed some seconds after a moment; -9 where the kill hit it."""
-    process = subprocess.Popen(command, stderr=subprocess.DEVNULL)
+    process = Forked(program)
     try:
         limit = time.monotonic() + 120
         while process.poll() is None and time.monotonic() < limit:
@@ -69,8 +67,8 @@ def ended_after(command: list[str], begun: Callable[[], bool], seconds: float) -
             time.sleep(0.002)
     finally:
         process.kill()
-        process.wait()
-    return process.returncode
+        process.communicate()
+    return process.wait()
 
 
 def whole_parts(folder: Path) -> set[int]:

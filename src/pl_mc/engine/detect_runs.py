@@ -14,7 +14,6 @@ from itertools import groupby
 from typing import Any
 
 import jax
-import jax.numpy as jnp
 import numpy as np
 from jax import Array
 from numpy.typing import NDArray
@@ -40,7 +39,7 @@ from pl_mc.ism import satellite_codes
 from pl_mc.kernels.noise import LANES
 from pl_mc.methods import Method
 from pl_mc.methods.registry import fit_for
-from pl_mc.runtime.precision import dtype_of, precision_scope
+from pl_mc.runtime.precision import dtype_of, on_device, precision_scope
 from pl_mc.runtime.threads import cores
 from pl_mc.statistics.least_squares import ls_quantities
 
@@ -197,7 +196,7 @@ def power_counts(
         places = cut.places(chunk)
         return _count(
             _batch(series, places, options, bias_m, applies, drawn), np.uint32(options.seed), *noise,
-            jnp.asarray(thresholds[places], dtype_of(options.precision)), tests=options.tests, p_fa=options.p_fa,
+            on_device(thresholds[places], dtype_of(options.precision)), tests=options.tests, p_fa=options.p_fa,
             blocks=cut.blocks_per_call,
         )  # fmt: skip
 
@@ -211,7 +210,7 @@ def verdicts_on(series: Geometry, errors_m: FloatArray, options: Options) -> lis
     """The verdict of each test on errors (e, n) [m], with NumPy arrays of a leading axis (e,)."""
     with precision_scope(options.precision):
         batch = _batch(series, np.arange(len(series)), options)
-        errors = jnp.asarray(np.where(series.in_view, errors_m, 0.0), dtype_of(options.precision))
+        errors = on_device(np.where(series.in_view, errors_m, 0.0), dtype_of(options.precision))
         found = _examine(batch, errors, tests=options.tests, p_fa=options.p_fa)
         return jax.tree.map(np.asarray, found)
 
@@ -231,16 +230,16 @@ def _batch(
     shape = (len(places), 1, series.sigma_m.shape[1])
     return TestBatch(
         epochs=EpochBatch(
-            design=jnp.asarray(series.design[places], dtype),
-            sigma_m=jnp.asarray(series.sigma_m[places], dtype),
-            in_view=jnp.asarray(series.in_view[places]),
-            bias_m=jnp.asarray(np.zeros(shape) if bias_m is None else bias_m[places], dtype),
-            applies=jnp.asarray(np.ones(shape[:2], bool) if applies is None else applies[places]),
-            epoch=jnp.asarray(series.epoch[places], np.uint32),
+            design=on_device(series.design[places], dtype),
+            sigma_m=on_device(series.sigma_m[places], dtype),
+            in_view=on_device(series.in_view[places]),
+            bias_m=on_device(np.zeros(shape) if bias_m is None else bias_m[places], dtype),
+            applies=on_device(np.ones(shape[:2], bool) if applies is None else applies[places]),
+            epoch=on_device(series.epoch[places], np.uint32),
             drawn=None if drawn is None else DrawnBiases.of_rows(drawn.at(places), dtype),
-            satellite=jnp.asarray(satellite_codes(series)[places]),
+            satellite=on_device(satellite_codes(series)[places]),
         ),
-        system=jnp.asarray(system_places(series)[places]),
+        system=on_device(system_places(series)[places]),
     )
 
 

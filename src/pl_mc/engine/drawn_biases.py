@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 from pl_mc.geometry.record import Geometry
 from pl_mc.injection import DrawnRows, drawn_m
 from pl_mc.kernels.noise import epoch_key, unit_noise
-from pl_mc.runtime.precision import precision_scope
+from pl_mc.runtime.precision import on_device, precision_scope
 
 # Their keys lie beyond those of all blocks and of all further numbers of the noise.
 _SIZES, _SIGNS = np.uint32(2**32 - 1), np.uint32(2**32 - 2)
@@ -35,8 +35,8 @@ class DrawnBiases:
     @classmethod
     def of_rows(cls, rows: DrawnRows, dtype: np.dtype) -> DrawnBiases:
         """In the precision of a call, whose scope this is called in."""
-        in_metres = (jnp.asarray(part, dtype) for part in (rows.start_m, rows.spread_m))
-        return cls(*in_metres, *map(jnp.asarray, (rows.uniform, rows.either, rows.of)))
+        in_metres = (on_device(part, dtype) for part in (rows.start_m, rows.spread_m))
+        return cls(*in_metres, *map(on_device, (rows.uniform, rows.either, rows.of)))
 
     @property
     def rows(self) -> Array:

@@ -11,7 +11,6 @@ import math
 from collections.abc import Iterator
 from dataclasses import dataclass, replace
 
-import jax.numpy as jnp
 import numpy as np
 from numpy.typing import NDArray
 
@@ -24,6 +23,7 @@ from pl_mc.injection import row_biases
 from pl_mc.ism import satellite_codes
 from pl_mc.kernels.linear_model import has_one_clock_per_row
 from pl_mc.kernels.noise import LANES
+from pl_mc.runtime.precision import on_device
 
 # Scenarios per call: large enough to hide a call's cost, small enough for a live progress bar and little memory.
 SCENARIOS_PER_CALL = 2**20
@@ -94,15 +94,15 @@ class Plan(Cut):
         applies = self.fault_index[places] >= 0
         surplus = np.arange(self.epochs_per_call) >= chunk.size
         return EpochBatch(
-            design=jnp.asarray(g.design[index], dtype),
-            sigma_m=jnp.asarray(g.sigma_m[index], dtype),
-            in_view=jnp.asarray(g.in_view[index]),
-            bias_m=jnp.asarray(np.where(applies[:, :, None], bias, 0.0), dtype),
-            applies=jnp.asarray(applies & ~surplus[:, None]),
-            epoch=jnp.asarray(g.epoch[index], np.uint32),
+            design=on_device(g.design[index], dtype),
+            sigma_m=on_device(g.sigma_m[index], dtype),
+            in_view=on_device(g.in_view[index]),
+            bias_m=on_device(np.where(applies[:, :, None], bias, 0.0), dtype),
+            applies=on_device(applies & ~surplus[:, None]),
+            epoch=on_device(g.epoch[index], np.uint32),
             drawn=None if drawn is None else DrawnBiases.of_rows(drawn, dtype),
             one_clock_per_row=self.one_clock_per_row,
-            satellite=jnp.asarray(satellite_codes(g, g.satellite[index])),
+            satellite=on_device(satellite_codes(g, g.satellite[index])),
         )
 
 

@@ -28,7 +28,7 @@ from pl_mc.kernels.noise import LANES
 from pl_mc.kernels.parameters import Trees, as_trees, of_trees
 from pl_mc.kernels.scenarios import each_outcome
 from pl_mc.methods import Method, Outcome
-from pl_mc.runtime.precision import dtype_of
+from pl_mc.runtime.precision import dtype_of, on_device
 from pl_mc.runtime.threads import cores
 from pl_mc.statistics.intervals import shared_noise_bounds
 
@@ -184,8 +184,8 @@ def stanford_counts(
 
     def count(chunk: Chunk, first_block: np.int32, *others: np.int32) -> NDArray[np.int64]:
         codes = _block_cells(
-            plan.batch(chunk, dtype), np.uint32(seed), first_block, jnp.asarray(alert.limit_m[axis], dtype),
-            jnp.asarray(grid.cell_m, dtype), jnp.asarray(grid.cells, jnp.int32), as_trees(chosen),
+            plan.batch(chunk, dtype), np.uint32(seed), first_block, on_device(alert.limit_m[axis], dtype),
+            on_device(grid.cell_m, dtype), on_device(grid.cells, jnp.int32), as_trees(chosen),
             blocks=plan.blocks_per_call, axis=axis,
         )  # fmt: skip
         counted = np.asarray(codes)[: chunk.size][plan.scenarios(chunk)]

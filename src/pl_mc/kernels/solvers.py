@@ -2,8 +2,11 @@
 
 from __future__ import annotations
 
+from typing import Any
+
 import jax
 import jax.numpy as jnp
+import numpy as np
 from jax import Array
 from jax.typing import ArrayLike
 
@@ -66,28 +69,36 @@ def least_squares(model: LinearModel, start: LeastSquaresSolution) -> Estimate:
 @jax.jit
 def _ls(rows: Array, sigma: Array, observed: Array, seen: Array) -> Estimate:
     model = linear_model(rows, sigma, seen)
-    return least_squares(model, start_from(model, observed))
+    return least_squares(model, start_from(model, _in_view(observed, seen)))
 
 
 @jax.jit
 def _reweighted(rows: Array, sigma: Array, observed: Array, seen: Array, *, options: IrlsOptions) -> Estimate:
     model = linear_model(rows, sigma, seen)
-    return irls(model, start_from(model, observed), options)
+    return irls(model, start_from(model, _in_view(observed, seen)), options)
+
+
+def _in_view(observed: Array, seen: Array) -> Array:
+    """Padding may hold anything, NaN included; it must not reach a sum."""
+    return jnp.where(per_lane(seen, observed), observed, 0.0)
 
 
 def _prepare(
     design: ArrayLike, sigma_m: ArrayLike, observed_m: ArrayLike, in_view: ArrayLike | None
-) -> tuple[Array, Array, Array, Array]:
-    """Arrays of one floating type and of shapes that fit."""
-    observed = jnp.asarray(observed_m)
-    dtype = jnp.result_type(jnp.asarray(design), jnp.asarray(sigma_m), observed, float)
-    rows, sigma = jnp.asarray(design, dtype), jnp.asarray(sigma_m, dtype)
-    seen = jnp.ones(rows.shape[:1], bool) if in_view is None else jnp.asarray(in_view, bool)
+) -> tuple[Any, Any, Any, Any]:
+    """Arrays of one floating type and of shapes that fit; those of NumPy stay such, for which nothing is compiled."""
+    given = [_as_array(one) for one in (design, sigma_m, observed_m)]
+    dtype = jnp.result_type(*given, float)
+    rows, sigma, observed = (one.astype(dtype) for one in given)
+    seen = np.ones(rows.shape[:1], bool) if in_view is None else _as_array(in_view).astype(bool)
     n = rows.shape[:1]
     if rows.ndim != 2 or sigma.shape != n or seen.shape != n or observed.shape[:1] != n or observed.ndim > 2:
         raise InputError(
             "kernel: design (n, t), sigma_m (n,), observed_m (n,) or (n, lanes) and in_view (n,) are needed, not "
             f"{rows.shape}, {sigma.shape}, {observed.shape} and {seen.shape}."
         )
-    # Padding may hold anything, NaN included; it must not reach a sum.
-    return rows, sigma, jnp.where(per_lane(seen, observed), observed, 0.0).astype(dtype), seen
+    return rows, sigma, observed, seen
+
+
+def _as_array(given: ArrayLike) -> Any:
+    return given if isinstance(given, Array) else np.asarray(given)

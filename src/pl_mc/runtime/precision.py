@@ -7,6 +7,7 @@ from collections.abc import Iterator
 
 import jax
 import numpy as np
+from numpy.typing import ArrayLike, DTypeLike
 
 from pl_mc.input_errors import require_choice
 from pl_mc.runtime.forks import require_own_threads
@@ -45,3 +46,11 @@ def precision_scope(precision: str) -> Iterator[None]:
 def dtype_of(precision: str) -> np.dtype:
     """NumPy's type of that precision."""
     return np.dtype(require_choice(precision, PRECISIONS, field="precision"))
+
+
+def on_device(values: ArrayLike, dtype: DTypeLike | None = None) -> jax.Array:
+    """Numbers of NumPy as an array of JAX, in the scope of their precision.
+
+    ``jnp.asarray`` compiles a program of its own for almost every new shape, which takes longer than many a call.
+    """
+    return jax.device_put(np.asarray(values, dtype))

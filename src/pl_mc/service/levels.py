@@ -20,7 +20,7 @@ from pl_mc.kernels.parameters import Trees, as_trees, of_trees
 from pl_mc.methods import Method
 from pl_mc.methods.capabilities import declared, levels_from_geometry
 from pl_mc.noise_models import GAUSSIAN, NoiseModel
-from pl_mc.runtime.precision import dtype_of, precision_scope
+from pl_mc.runtime.precision import dtype_of, on_device, precision_scope
 from pl_mc.service.sky import Geometries
 
 
@@ -40,8 +40,8 @@ def levels_of_batch(
     if noisy or quiet:
         dtype = dtype_of(precision)
         with precision_scope(precision):
-            design, sigma = jnp.asarray(batch.design, dtype), jnp.asarray(batch.sigma_m, dtype)
-            arrays = (design, sigma, jnp.asarray(batch.in_view), jnp.asarray(numbers, np.uint32), np.uint32(seed))
+            design, sigma = on_device(batch.design, dtype), on_device(batch.sigma_m, dtype)
+            arrays = (design, sigma, on_device(batch.in_view), on_device(numbers, np.uint32), np.uint32(seed))
             levels = _compiled()(*arrays, as_trees(noisy), as_trees(quiet), draws=draws, noise=noise)
             for method, pair in zip((*noisy, *quiet), levels, strict=True):
                 found[method.name] = np.asarray(pair[0], dtype=float), np.asarray(pair[1], dtype=float)

@@ -23,6 +23,7 @@ from pl_mc.arrays import FloatArray
 from pl_mc.geometry.record import UP
 from pl_mc.input_errors import InputError, require_fraction, require_list, require_within, shown
 from pl_mc.kernels.linear_model import product
+from pl_mc.runtime.precision import on_device
 from pl_mc.time_ramps.filters import (
     RANDOM_WALK,
     FilterModel,
@@ -105,12 +106,12 @@ class FilterBank:
         there = np.isfinite(solved.threshold_m) & (solved.threshold_m > 0)
         scale = np.where(there, 1.0 / np.where(there, solved.threshold_m, 1.0), 0.0)[onset:]
         return FilterBankPlan(
-            measurement=jnp.asarray(model.measurement), gain=jnp.asarray(made.gain),
-            transition=jnp.asarray(model.transition), process_root=jnp.asarray(model.process_root),
-            start_root=jnp.asarray(model.start_root), up_m=jnp.asarray(up_m[:, 0]),
+            measurement=on_device(model.measurement), gain=on_device(made.gain),
+            transition=on_device(model.transition), process_root=on_device(model.process_root),
+            start_root=on_device(model.start_root), up_m=on_device(up_m[:, 0]),
             tests=WindowTests(
-                jnp.asarray((scale[:, :, None] * np.eye(scale.shape[1]))[:, :, None]),
-                jnp.asarray((scale * (up_m[:, 1:] - up_m[:, :1])[onset:])[:, :, None]),
+                on_device((scale[:, :, None] * np.eye(scale.shape[1]))[:, :, None]),
+                on_device((scale * (up_m[:, 1:] - up_m[:, :1])[onset:])[:, :, None]),
                 (0,) * scale.shape[1],
             ),
             base=model.base,
@@ -206,14 +207,20 @@ def separation_levels(
 
     def axes(values: FloatArray) -> Array:
         """The same on all three axes, of which the last is used."""
-        return jnp.asarray(np.broadcast_to(values.T, (UP + 1, *values.T.shape)))
+        return on_device(np.broadcast_to(values.T, (UP + 1, *values.T.shape)))
 
-    nothing, empty = jnp.zeros((UP + 1, used.shape[1], len(used))), jnp.zeros((UP + 1, 1, used.shape[1], len(used)))
-    whole = Whole(axes(sigma[:, 0]), nothing[:, 0], axes(sigma[:, 0]), jnp.asarray(solved[:, 0]), empty[:, :, 0])
-    modes = Subsets(empty, axes(sigma[:, 1:]), nothing, axes(separation), jnp.asarray(solved[:, 1:].T))
+    def nothing(*shape: int) -> Array:
+        return axes(np.zeros(shape).T)
+
+    epochs, satellites = used.shape
+    whole = Whole(axes(sigma[:, 0]), nothing(epochs), axes(sigma[:, 0]), on_device(solved[:, 0]), nothing(1, epochs))
+    modes = Subsets(
+        nothing(1, satellites, epochs), axes(sigma[:, 1:]), nothing(satellites, epochs), axes(separation),
+        on_device(solved[:, 1:].T),
+    )  # fmt: skip
     priors = Priors(
-        jnp.asarray(np.where(used, one[:, None], 0.0).T), jnp.asarray(np.maximum(1.0 - none - number * one, 0.0))
+        on_device(np.where(used, one[:, None], 0.0).T), on_device(np.maximum(1.0 - none - number * one, 0.0))
     )
-    levels = jax.jit(solve_levels)(whole, modes, priors, figures(bank.budget, used.shape[1]))
-    threshold, level = np.asarray(levels.threshold_m[UP]).T, np.asarray(levels.level_m[UP])
+    levels = jax.jit(solve_levels)(whole, modes, priors, figures(bank.budget, satellites))
+    threshold, level = np.asarray(levels.threshold_m)[UP].T, np.asarray(levels.level_m)[UP]
     return SeparationLevels(np.where(solved, sigma_m, np.inf), threshold, level)

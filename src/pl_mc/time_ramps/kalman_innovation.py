@@ -27,6 +27,7 @@ from pl_mc.geometry.record import UP
 from pl_mc.input_errors import InputError, require_choice, require_fraction
 from pl_mc.kernels.linear_model import product
 from pl_mc.methods.raim_levels import P_FA
+from pl_mc.runtime.precision import on_device
 from pl_mc.time_ramps.filters import RANDOM_WALK, filter_model, gains, next_motion, ramp_response, require_motion
 from pl_mc.time_ramps.sequential import Sample
 from pl_mc.time_ramps.signals import LANES, NoiseInTime, Rows
@@ -108,9 +109,9 @@ class KalmanInnovation:
             basis = np.einsum("ei,ij->eij", seen.astype(float), np.eye(satellites))
             made.append(whitened(summed, basis, window_sums(pulled, w, onset), self.p_fa))
         return FilterPlan(
-            measurement=jnp.asarray(model.measurement), gain=jnp.asarray(gain), weight=jnp.asarray(weight),
-            transition=jnp.asarray(model.transition), process_root=jnp.asarray(model.process_root),
-            start_root=jnp.asarray(model.start_root), up_m=jnp.asarray(up_m[:, 0]),
+            measurement=on_device(model.measurement), gain=on_device(gain), weight=on_device(weight),
+            transition=on_device(model.transition), process_root=on_device(model.process_root),
+            start_root=on_device(model.start_root), up_m=on_device(up_m[:, 0]),
             tests=window_tests(made, samples), base=model.base, own_position=self.guards == FILTER_POSITION,
         )  # fmt: skip
 

@@ -32,6 +32,7 @@ from pl_mc.kernels.scenarios import each_fault
 from pl_mc.methods import Method
 from pl_mc.methods.capabilities import levels_from_geometry, scales_with_k, statistic
 from pl_mc.noise_models.gauss_markov import step
+from pl_mc.runtime.precision import on_device
 from pl_mc.time_ramps.sequential import Sample, SequentialPlan, SequentialTest
 from pl_mc.time_ramps.signals import LANES, NoiseInTime, Rows, pass_key, step_numbers
 from pl_mc.time_ramps.windows import WindowTests, largest_ratio
@@ -106,25 +107,25 @@ def pass_plan(
     """Everything that the geometry and the correlation of the errors decide; in double precision."""
     methods = snapshot_methods(tests)
     batch = EpochBatch(
-        design=jnp.asarray(rows.design),
-        sigma_m=jnp.asarray(rows.sigma_m),
-        in_view=jnp.asarray(rows.in_view),
-        bias_m=jnp.zeros((len(rows.design), 1, len(rows.names))),
-        applies=jnp.ones((len(rows.design), 1), bool),
-        epoch=jnp.arange(len(rows.design), dtype=jnp.uint32),
+        design=on_device(rows.design),
+        sigma_m=on_device(rows.sigma_m),
+        in_view=on_device(rows.in_view),
+        bias_m=on_device(np.zeros((len(rows.design), 1, len(rows.names)))),
+        applies=on_device(np.ones((len(rows.design), 1), bool)),
+        epoch=on_device(np.arange(len(rows.design), dtype=np.uint32)),
         one_clock_per_row=has_one_clock_per_row(rows.design),
-        satellite=None if rows.codes is None else jnp.broadcast_to(rows.codes, rows.sigma_m.shape),
+        satellite=None if rows.codes is None else on_device(np.broadcast_to(rows.codes, rows.sigma_m.shape)),
     )
     models, prepared = _prepare_all(batch, as_trees(methods))
     return PassPlan(
         models=models,
         prepared=prepared,
         sigma_m=batch.sigma_m,
-        ramp_m=jnp.asarray(ramp_m),
-        correlation=jnp.asarray(noise.correlation(rows.interval_s)),
-        share=jnp.asarray(noise.share),
-        code_correlation=jnp.asarray(noise.code_correlation(rows.interval_s)),
-        limit_m=jnp.asarray(limit_m),
+        ramp_m=on_device(ramp_m),
+        correlation=on_device(noise.correlation(rows.interval_s)),
+        share=on_device(noise.share),
+        code_correlation=on_device(noise.code_correlation(rows.interval_s)),
+        limit_m=on_device(limit_m),
         sequential=tuple(t.plan(rows, noise, ramp_m, onset) for t in tests if isinstance(t, SequentialTest)),
     )
 

@@ -7,7 +7,6 @@ from collections.abc import Sequence
 from typing import Any, Literal
 
 import jax
-import jax.numpy as jnp
 import numpy as np
 import pandas as pd
 from numpy.typing import ArrayLike, NDArray
@@ -23,7 +22,7 @@ from pl_mc.methods import METHODS, Method
 from pl_mc.methods.capabilities import refusal
 from pl_mc.methods.registry import fit_for
 from pl_mc.named import as_records, build_named, registry
-from pl_mc.runtime.precision import precision_scope
+from pl_mc.runtime.precision import on_device, precision_scope
 from pl_mc.runtime.progress import progress_bar
 from pl_mc.statistics.intervals import clopper_pearson, rate_columns
 from pl_mc.time_ramps.filter_bank import FilterBank
@@ -168,8 +167,8 @@ def time_to_alert(
 
             def of_block(_: Chunk, block: np.int32, *others: np.int32) -> Watched:
                 return watch_block(
-                    plan, np.uint32(seed), np.uint32(purpose), np.uint32(block), jnp.asarray(sizes),
-                    jnp.asarray(thresholds), as_trees(tests), onset=onset, axis=judged,
+                    plan, np.uint32(seed), np.uint32(purpose), np.uint32(block), on_device(sizes),
+                    on_device(thresholds), as_trees(tests), onset=onset, axis=judged,
                 )  # fmt: skip
 
             parts = []

@@ -19,6 +19,7 @@ from pl_mc.arrays import FloatArray
 from pl_mc.input_errors import InputError, require_number, shown
 from pl_mc.kernels.linear_model import product
 from pl_mc.methods.raim_levels import thresholds
+from pl_mc.runtime.precision import on_device
 from pl_mc.time_ramps.signals import whole_samples
 
 
@@ -91,7 +92,7 @@ def whitened(covariance: FloatArray, basis: FloatArray, sums: FloatArray, p_fa: 
 
 def window_tests(made: Iterable[tuple[FloatArray, FloatArray]], samples: tuple[int, ...]) -> WindowTests:
     """The bank of the windows that `whitened` made, one for each length."""
-    whiteners, responses = (jnp.asarray(np.stack(parts, axis=1)) for parts in zip(*made, strict=True))
+    whiteners, responses = (on_device(np.stack(parts, axis=1)) for parts in zip(*made, strict=True))
     return WindowTests(whiteners, responses, samples)
 
 

@@ -37,7 +37,7 @@ from pl_mc.kernels.scenarios import each_fault
 from pl_mc.methods import Method, as_methods
 from pl_mc.methods.araim import NONE, Araim
 from pl_mc.methods.raim_levels import thresholds
-from pl_mc.runtime.precision import precision_scope
+from pl_mc.runtime.precision import on_device, precision_scope
 from pl_mc.statistics.intervals import clopper_pearson, shared_noise_bounds
 
 FAULT_FREE, TOTAL = "none", "total"
@@ -57,7 +57,7 @@ class _Epoch:
     satellite: Any
 
     def __call__(self) -> tuple[Array, Array, Any]:
-        return jnp.asarray(self.design), jnp.asarray(self.sigma_m), self.satellite
+        return on_device(self.design), on_device(self.sigma_m), self.satellite
 
 
 def has_exposure(method: object) -> bool:
@@ -169,7 +169,7 @@ def _of_method(
         # Parts of one width, so that one program does for all.
         padded = np.pad(noise, ((0, 0), (0, -lanes % parts)))
         found = [
-            np.asarray(_alarms(*epoch(), jnp.asarray(part), jnp.asarray(bias_m), limits_m, trees, axis=axis))
+            np.asarray(_alarms(*epoch(), on_device(part), on_device(bias_m), limits_m, trees, axis=axis))
             for part in np.split(padded, parts, axis=1)
         ]
         return np.concatenate(found, axis=1)[:, :lanes]

@@ -36,7 +36,7 @@ from pl_mc.kernels.scenarios import each_outcome
 from pl_mc.methods import Method, Outcome, as_methods
 from pl_mc.noise_models import GAUSSIAN, NoiseModel, as_noise_model
 from pl_mc.noise_models.gauss_markov import GaussMarkov, step
-from pl_mc.runtime.precision import dtype_of
+from pl_mc.runtime.precision import dtype_of, on_device
 from pl_mc.runtime.progress import progress_bar
 from pl_mc.statistics.intervals import clopper_pearson, rate_columns
 
@@ -125,8 +125,8 @@ def exposure(
 
     def count(tau_s: float, chunk: Chunk, *blocks: np.int32) -> Array:
         return _block_sums(
-            jax.tree.map(lambda part: part[0], plan.batch(chunk, dtype)), np.uint32(seed), *blocks,
-            jnp.asarray(GaussMarkov(tau_s).correlation(interval_s), dtype),
+            plan.batch(chunk, dtype), np.uint32(seed), *blocks,
+            on_device(GaussMarkov(tau_s).correlation(interval_s), dtype),
             limits_of(alert, dtype), as_trees(chosen), noise_model=model, samples=samples, axis=judged,
         )  # fmt: skip
 
@@ -173,14 +173,15 @@ def _taus(tau_s: ArrayLike) -> list[float]:
 
 @functools.partial(jax.jit, static_argnames=("noise_model", "samples", "axis"))
 def _block_sums(
-    one: EpochBatch, seed: Array, block: Array, full_blocks: Array, remainder: Array, correlation: Array,
+    batch: EpochBatch, seed: Array, block: Array, full_blocks: Array, remainder: Array, correlation: Array,
     limits_m: Array, methods: Trees, *, noise_model: NoiseModel, samples: int,
     axis: str,
 ) -> Array:  # fmt: skip
-    """(3, f, methods, events), over the exposures of a block.
+    """(3, f, methods, events), over the exposures of a block at the one epoch of a batch.
 
     How many have the event, and the sum and the square sum of the number of samples with it.
     """
+    one: EpochBatch = jax.tree.map(lambda part: part[0], batch)
     chosen = of_trees(methods)
     model, prepared = prepare_epoch(one, chosen)
     rows, dtype = model.design.shape[0], model.design.dtype
