@@ -32,8 +32,8 @@ exclude_patterns = ["_build"]
 myst_enable_extensions = ["dollarmath"]
 myst_heading_anchors = 3
 
-# Notebooks are stored without outputs and run here, each in a process of its own. They compile longer than they run,
-# so that XLA takes its quick way.
+# Notebooks are stored without outputs and run here, each in a process of its own. They compile about as long as they
+# run, so that XLA takes its middle way.
 nb_execution_mode = "force"
 nb_execution_in_temp = True
 nb_execution_raise_on_error = True
@@ -42,7 +42,7 @@ nb_execution_timeout = 240
 if hasattr(KernelManager, "transport_encryption"):
     KernelManager.transport_encryption.default_value = "auto"
 logging.getLogger("traitlets").setLevel(logging.WARNING)
-os.environ.setdefault("XLA_FLAGS", "--xla_backend_optimization_level=0 --xla_cpu_use_fusion_emitters=false")
+os.environ.setdefault("XLA_FLAGS", "--xla_backend_optimization_level=1 --xla_cpu_use_fusion_emitters=false")
 
 # Docstrings name things in single quotes, as in `pl_mc.sweep`: a link where the reference has it, else plain code.
 default_role = "py:obj"

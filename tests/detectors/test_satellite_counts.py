@@ -7,6 +7,7 @@ uses a kernel or a detector.
 
 from __future__ import annotations
 
+import functools
 import importlib.util
 import re
 from pathlib import Path
@@ -14,7 +15,7 @@ from pathlib import Path
 import numpy as np
 import pandas as pd
 import pytest
-from scipy import stats
+from scipy import special, stats
 
 from pl_mc.studies.guo.series import GuoSeries
 
@@ -42,6 +43,20 @@ def stored(part: str, reading: str, bias_m: float) -> pd.Series:
     return row
 
 
+@functools.cache
+def thresholds(gps: int, bds: int) -> tuple[float, float]:
+    """Of T, two-sided and one-sided, by Welch's degrees of freedom."""
+    sizes = np.array([gps, bds])
+    parts = VARIANCES_M2 / sizes
+    two_sided, one_sided = stats.t.isf([P_FA / 2, P_FA], parts.sum() ** 2 / (parts**2 / (sizes - 1)).sum())
+    return float(two_sided), float(one_sided)
+
+
+@functools.cache
+def chi2_threshold(dof: int) -> float:
+    return float(stats.chi2.isf(P_FA, dof))
+
+
 def laws_at(series: GuoSeries, epoch: int) -> dict[tuple[str, float], tuple[float, float]]:
     """(reading, bias): bounds of the probability of detection at one epoch, equal for V'PV."""
     g = series.geometry
@@ -52,7 +67,7 @@ def laws_at(series: GuoSeries, epoch: int) -> dict[tuple[str, float], tuple[floa
     n, t = design.shape
     sizes = np.array([gps.sum(), n - gps.sum()])
     parts = VARIANCES_M2 / sizes
-    limits = [stats.t.isf(tail, parts.sum() ** 2 / (parts**2 / (sizes - 1)).sum()) for tail in (P_FA / 2, P_FA)]
+    limits = thresholds(*sizes.tolist())
     # A shift of its own for satellite i is a fit without it. K_i is row i times the errors.
     weights = (1.0 - np.eye(n)) / sigma**2
     gains = np.linalg.solve(np.einsum("ij,jt,ju->itu", weights, design, design), design.T * weights[:, None])
@@ -62,12 +77,12 @@ def laws_at(series: GuoSeries, epoch: int) -> dict[tuple[str, float], tuple[floa
     whole = np.linalg.solve(design.T / sigma**2 @ design, design.T / sigma**2)
     redundancy = 1.0 - design[faulted] @ whole[:, faulted]
     found = {}
-    for bias in BIASES_M:
-        power = stats.ncx2.sf(stats.chi2.isf(P_FA, n - t), n - t, (bias / sigma[faulted]) ** 2 * redundancy)
+    powers = stats.ncx2.sf(chi2_threshold(n - t), n - t, (np.array(BIASES_M) / sigma[faulted]) ** 2 * redundancy)
+    for bias, power in zip(BIASES_M, powers, strict=True):
         found["apriori", bias] = power, power
         for reading, limit in zip(("shift_kept", ONE_SIDED), limits, strict=True):
             ends = limit * np.sqrt(parts.sum()) * np.array([[1.0], [-1.0]]) - bias * rows[:, faulted]
-            passes = stats.norm.sf(ends[0] / spread) + stats.norm.cdf(ends[1] / spread)
+            passes = special.ndtr(-ends[0] / spread) + special.ndtr(ends[1] / spread)
             found[reading, bias] = passes.max(), min(passes.sum(), 1.0)
     return found
 

@@ -58,7 +58,15 @@ def with_blocks(language: str, *, of_data: bool = False) -> list[Path]:
     return [path for path in DOCUMENTS if any((DATA in block) == of_data for block in blocks(path, language))]
 
 
-@pytest.mark.parametrize("path", with_blocks("python"), ids=name_of)
+# They make tens of thousands of draws with one program.
+LONG = (ROOT / "README.md", DOCS / "tutorial.md")
+
+
+@pytest.mark.parametrize(
+    "path",
+    [pytest.param(path, marks=pytest.mark.counting if path in LONG else ()) for path in with_blocks("python")],
+    ids=name_of,
+)
 def test_python_runs(path: Path, page: Any, capsys: pytest.CaptureFixture[str]) -> None:
     page(path, [block for block in blocks(path, "python") if DATA not in block])
     # What is behind the guard of a script runs below.
@@ -73,6 +81,7 @@ def test_python_on_receiver_data_runs(
     assert "igg3" in capsys.readouterr().out
 
 
+@pytest.mark.counting
 def test_the_script_for_a_cluster(monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]) -> None:
     """Its processes are started in tests/engine/test_dask.py; here the same sweep runs without them."""
     (source,) = blocks(DOCS / "how-to" / "cluster.md", "python")

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import functools
+
 import jax
 import jax.numpy as jnp
 import numpy as np
@@ -31,25 +33,48 @@ def swept(methods, bias_m=BIAS_M, **options) -> np.ndarray:
     return np.swapaxes(by_row, 0, 1)
 
 
+AXES = ("vertical", "horizontal", "either")
+
+
+@functools.cache
+def by_axes() -> np.ndarray:
+    """Of each method by each axis, method by method."""
+    return swept(METHODS, axes=AXES)
+
+
+@functools.cache
 def model():
     return jax.jit(linear_model)(G.design, G.sigma_m, G.in_view)
 
 
+@functools.cache
 def key():
     return epoch_key(np.uint32(SEED), np.uint32(G.epoch))
 
 
 @pytest.mark.parametrize("together", [1, 2])
 def test_counts_are_those_of_a_sweep(together: int) -> None:
-    axes = ("vertical", "horizontal", "either")
-    found = count_events(key(), model(), BIAS_M, METHODS, pl_mc.LPV_200, DRAWS, axes=axes, together=together)
+    # Compiled as a whole: operations by themselves are a hundred programs.
+    @jax.jit
+    def three(key, model, bias_m):
+        given = (key, model, bias_m, METHODS)
+        return (
+            count_events(*given, pl_mc.LPV_200, DRAWS, axes=AXES, together=together),
+            # An operation by name, and the axis of the limit that there is.
+            count_events(*given, "RNP 0.1", DRAWS, together=together),
+            count_events(*given, pl_mc.LPV_200, DRAWS, noise_model=StudentT(4.0)),
+        )
+
+    found, rail, of_noise = three(key(), model(), BIAS_M)
     assert found.dtype == jnp.int32
-    np.testing.assert_array_equal(found, swept(METHODS, axes=axes))
-    # An operation by name, and the axis of the limit that there is.
-    rail = count_events(key(), model(), BIAS_M, METHODS, "RNP 0.1", DRAWS, together=together)
+    np.testing.assert_array_equal(found, by_axes())
     np.testing.assert_array_equal(rail, swept(METHODS, alert="RNP 0.1"))
-    of_noise = count_events(key(), model(), BIAS_M, METHODS, pl_mc.LPV_200, DRAWS, noise_model=StudentT(4.0))
     np.testing.assert_array_equal(of_noise, swept(METHODS, noise=StudentT(4.0)))
+
+
+def test_without_jit_the_counts_are_the_same() -> None:
+    found = count_events(key(), model(), BIAS_M, METHODS[:1], pl_mc.LPV_200, DRAWS)
+    np.testing.assert_array_equal(found, by_axes()[:, :1])
 
 
 def test_grids_of_numbers_limits_and_geometries_are_one_call() -> None:
@@ -87,7 +112,7 @@ def test_geometries_are_spread_over_devices() -> None:
 
     found = counts(design, sigma)
     for one in found:
-        np.testing.assert_array_equal(one, swept(METHODS))
+        np.testing.assert_array_equal(one, by_axes()[:, :: len(AXES)])
 
 
 @pytest.mark.parametrize(

@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
+import functools
+
 import jax
-import jax.numpy as jnp
 import numpy as np
 import pytest
 from scipy import stats
@@ -46,16 +47,19 @@ def errors():
 def test_positions_and_levels_are_those_that_are_predicted(budget):
     """Every position of a padded geometry; two bisections agree to 2e-10 of a bracket of some metres."""
     one = araim(budget=budget, exclusion="satellites")
+
+    @jax.jit
+    def prepare(design, sigma_m, in_view, codes):
+        return one.prepare(linear_model(design, sigma_m, in_view, satellite=codes))
+
     for place in range(3):
         g = SERIES[place]
         n = len(g.names)
         pad = SERIES.design.shape[1] + 1 - n
-        model = linear_model(
-            jnp.asarray(np.pad(g.design, ((0, pad), (0, 0)))),
-            jnp.asarray(np.pad(g.sigma_m, (0, pad), constant_values=1)),
-            jnp.arange(n + pad) < n, satellite=jnp.asarray(np.pad(codes_of(g.names, g.systems), (0, pad))),
+        prepared = prepare(
+            np.pad(g.design, ((0, pad), (0, 0))), np.pad(g.sigma_m, (0, pad), constant_values=1),
+            np.arange(n + pad) < n, np.pad(codes_of(g.names, g.systems), (0, pad)),
         )  # fmt: skip
-        prepared = jax.jit(one.prepare)(model)
         expected = protection_levels(
             g.design, g.sigma_m**2, systems=g.systems, names=g.names, ism=ISM, standard="v4.2", budget=budget,
             exclusion="satellites",
@@ -65,18 +69,29 @@ def test_positions_and_levels_are_those_that_are_predicted(budget):
             np.testing.assert_allclose(getattr(prepared.without, field)[:n], getattr(expected, field)[1:], atol=1e-7)
 
 
-def plainly(errors_m, budget, p_fa_chi2=1e-8):
-    """What is excluded and the up error, by pseudoinverses and loops; None where no exclusion passes."""
+@functools.cache
+def modes_of(budget):
+    """The fault modes that are monitored, as satellites that are out."""
     predicted = protection_levels(
         G.design, G.sigma_m**2, systems=G.systems, names=G.names, ism=ISM, standard="v4.2", budget=budget,
         exclusion="satellites",
     )  # fmt: skip
+    return {tuple(out) for out in predicted.excluded[predicted.probability > 0]}
+
+
+@functools.cache
+def root_and_gain(kept):
+    root = np.where(kept, 1 / G.sigma_m, 0.0)
+    return root, np.linalg.pinv(G.design * root[:, None]) * root
+
+
+def plainly(errors_m, budget, p_fa_chi2=1e-8):
+    """What is excluded and the up error, by pseudoinverses and loops; None where no exclusion passes."""
     c_acc = G.sigma_m**2 - 1.0 + 4 / 9
-    modes = {tuple(out) for out in predicted.excluded[predicted.probability > 0]}
+    modes = modes_of(budget)
 
     def solution(kept):
-        root = np.where(kept, 1 / G.sigma_m, 0.0)
-        gain = np.linalg.pinv(G.design * root[:, None]) * root
+        root, gain = root_and_gain(tuple(kept.tolist()))
         state = gain @ errors_m
         return gain[:3], state, float(((errors_m - G.design @ state) ** 2 * root**2).sum())
 

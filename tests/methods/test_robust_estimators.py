@@ -230,7 +230,6 @@ def test_faults_as_large_as_they_like_leave_mm_where_it_is():
     assert np.median(np.abs(huge[Huber()].error_m[2])) > 1e2
 
 
-@pytest.mark.counting
 def test_defaults_have_settled():
     """At epoch 545 fewer than one draw in a thousand still moves by a centimetre; after ten plain solutions many do."""
     g = pl_mc.simulate(site="CUT0", start="2017-11-21T00:00:00", constellations=("GPS", "BDS-2"), epochs=546)[545]

@@ -2,8 +2,11 @@
 
 from __future__ import annotations
 
+import gzip
+from collections.abc import Callable
 from pathlib import Path
 
+import hatanaka
 import pytest
 from receiver_files import Sky, navigation_text, observation_text, simulate, write_pair
 
@@ -18,3 +21,20 @@ def made_sky() -> Sky:
 def made_files(made_sky: Sky, tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, Path]:
     """Observation and navigation file of `made_sky`."""
     return write_pair(tmp_path_factory.mktemp("made"), observation_text(made_sky), navigation_text(made_sky.orbits))
+
+
+@pytest.fixture(scope="session")
+def plain(data_folder: Path, tmp_path_factory: pytest.TempPathFactory) -> Callable[[str], Path]:
+    """The path of a real file by its name. Hatanaka's compression is undone once: a test of its own is about that."""
+    folder = tmp_path_factory.mktemp("plain")
+
+    def path_of(name: str) -> Path:
+        path, undone = data_folder / name, folder / name.replace(".crx", ".rnx").removesuffix(".gz")
+        if ".crx" not in name:
+            return path
+        if not undone.exists():
+            content = path.read_bytes()
+            undone.write_bytes(hatanaka.crx2rnx(gzip.decompress(content) if path.suffix == ".gz" else content))
+        return undone
+
+    return path_of

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import gzip
 import time
+from collections.abc import Callable
 from pathlib import Path
 
 import hatanaka
@@ -62,10 +63,11 @@ def test_a_day_of_all_systems_is_read_in_seconds(data_folder: Path) -> None:
 
 @pytest.mark.parametrize(("names", "every"), [(WHOLE, 97), (ESBC, 31), (CARD, 7), (KMS, 1)])
 def test_states_of_every_day_are_those_of_rtklib(
-    names: tuple[str, str], every: int, data_folder: Path, tmp_path: Path
+    names: tuple[str, str], every: int, plain: Callable[[str], Path], tmp_path: Path
 ) -> None:
-    data = read_rinex(data_folder / names[0], data_folder / names[1])
-    states = rtklib_states(data_folder / names[0], data_folder / names[1], tmp_path, every=every)
+    paths = plain(names[0]), plain(names[1])
+    data = read_rinex(*paths)
+    states = rtklib_states(*paths, tmp_path, every=every)
     count, position_m, clock_m = differences(states, data, every)
     assert count > 400
     # Times in seconds since 1980 resolve 2e-7 s, in which a satellite moves a millimetre.
@@ -86,10 +88,11 @@ def test_states_of_every_day_are_those_of_rtklib(
     ],
 )
 def test_states_of_other_signals_are_those_of_rtklib(
-    files: tuple[str, str], signal: str, theirs: dict[str, Signal], every: int, data_folder: Path, tmp_path: Path
-) -> None:
+    files: tuple[str, str], signal: str, theirs: dict[str, Signal], every: int, plain: Callable[[str], Path],
+    tmp_path: Path,
+) -> None:  # fmt: skip
     """E5a has the clock and the group delay of F/NAV, E5b those of I/NAV; QZSS is as GPS, GLONASS moves on."""
-    paths = [data_folder / name for name in files]
+    paths = [plain(name) for name in files]
     data = read_rinex(*paths, systems=tuple(theirs), signals=(signal,))
     states = rtklib_states(*paths, tmp_path, every=every, signals=theirs)
     count, position_m, clock_m = differences(states, data, every)
@@ -131,9 +134,10 @@ def test_moving_receiver(data_folder: Path) -> None:
     ],
 )
 def test_accuracy_beside_rtklib(
-    systems: str, signals: tuple[str, ...] | None, ionosphere: str, rtklib_m: tuple[float, ...], data_folder: Path
-) -> None:
-    paths = [data_folder / name for name in WHOLE]
+    systems: str, signals: tuple[str, ...] | None, ionosphere: str, rtklib_m: tuple[float, ...],
+    plain: Callable[[str], Path],
+) -> None:  # fmt: skip
+    paths = [plain(name) for name in WHOLE]
     truth = read_truth(ESBC_TRUTH)
     found = read_receiver_series(*paths, truth, systems=tuple(systems), signals=signals, ionosphere=ionosphere)
     errors = enu_errors_m(found, 10)
@@ -141,8 +145,8 @@ def test_accuracy_beside_rtklib(
     np.testing.assert_allclose(np.quantile(np.abs(errors), 0.95, axis=0), rtklib_m, rtol=0.2)
 
 
-def test_two_carriers_take_away_the_ionosphere_of_the_day(data_folder: Path) -> None:
-    paths, up_m = [data_folder / name for name in WHOLE], {}
+def test_two_carriers_take_away_the_ionosphere_of_the_day(plain: Callable[[str], Path]) -> None:
+    paths, up_m = [plain(name) for name in WHOLE], {}
     for ionosphere in ("none", "dual"):
         found = read_receiver_series(*paths, read_truth(ESBC_TRUTH), systems=("G", "E"), ionosphere=ionosphere)
         hour = found.geometry.time_gps_s[::20] % 86_400 / 3600

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from pathlib import Path
 
 import numpy as np
@@ -25,10 +26,10 @@ PAIRS = {"G": "L1+L2", "E": "E1+E5b", "C": "B1I+B2I"}
 
 
 @pytest.fixture(scope="module")
-def theirs(data_folder: Path, tmp_path_factory: pytest.TempPathFactory) -> dict[str, Rtklib]:
+def theirs(plain: Callable[[str], Path], tmp_path_factory: pytest.TempPathFactory) -> dict[str, Rtklib]:
     """The day as RTKLIB has read it, by its systems."""
     folders = {systems: tmp_path_factory.mktemp(systems) for systems in ("GE", "GEC")}
-    return {key: Rtklib(*(data_folder / name for name in WHOLE), folder, key) for key, folder in folders.items()}
+    return {key: Rtklib(*map(plain, WHOLE), folder, key) for key, folder in folders.items()}
 
 
 def fixes_m(series: ReceiverSeries, oracle: Rtklib, *, dual: bool) -> dict[float, tuple[NDArray[np.float64], int]]:
@@ -57,10 +58,10 @@ def fixes_m(series: ReceiverSeries, oracle: Rtklib, *, dual: bool) -> dict[float
 @pytest.mark.parametrize("dual", [False, True], ids=["one carrier", "two carriers"])
 @pytest.mark.parametrize("systems", ["GE", "GEC"])
 def test_fixes_are_rtklibs_to_centimetres_with_its_weights(
-    systems: str, dual: bool, theirs: dict[str, Rtklib], data_folder: Path
+    systems: str, dual: bool, theirs: dict[str, Rtklib], plain: Callable[[str], Path]
 ) -> None:
     series = read_receiver_series(
-        *(data_folder / name for name in WHOLE), TRUTH, systems=tuple(systems),
+        *map(plain, WHOLE), TRUTH, systems=tuple(systems),
         signals=tuple(PAIRS[letter] for letter in systems) if dual else None,
         ionosphere="dual" if dual else "broadcast",
     )  # fmt: skip

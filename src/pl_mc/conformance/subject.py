@@ -11,7 +11,7 @@ from collections.abc import Callable, Mapping
 from pathlib import Path
 from typing import Any
 
-import jax.numpy as jnp
+import jax
 import numpy as np
 import pandas as pd
 
@@ -119,7 +119,7 @@ def _quantities(task: Mapping[str, Any], rows: pd.DataFrame, levels: pl_mc.araim
     ratio = own["c_acc_m2"].to_numpy(float) * root**2
     with precision_scope("float64"):
         rows_of = (g.design * root[:, None], np.ones(len(own), bool), excluded.T, task["b_nom_m"] * root, ratio)
-        _, subsets = fit_subsets(*(jnp.asarray(array[..., None]) for array in rows_of))
+        _, subsets = jax.jit(fit_subsets)(*(array[..., None] for array in rows_of))
     separation = np.asarray(subsets.sigma_separation_m)[2, :, 0]
     found = {field: float(getattr(levels, field)[0]) for field in _LEVELS}
     found |= {"modes": float(len(excluded)), "k_fa_vertical": float(np.median(threshold[:, 2] / separation))}
