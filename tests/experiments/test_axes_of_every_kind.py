@@ -68,6 +68,7 @@ def words_of(folder: Path) -> str:
     return (folder / "report.json").read_text() + (folder / "summary.md").read_text()
 
 
+@pytest.mark.usefixtures("undrawn")
 @pytest.mark.parametrize("kind", KINDS)
 def test_a_horizontal_limit_alone_is_judged_and_nothing_else_is_said_to_be(kind: str, tmp_path: Path) -> None:
     folder = run(KINDS[kind] | {"alert": RAIL}, tmp_path / "out")
@@ -185,6 +186,7 @@ def test_readings_horizontally_are_their_series(tmp_path: Path) -> None:
     assert readings[readings.redraw == 0].median_clean_hpl_m.tolist() == pytest.approx(medians.median().tolist())
 
 
+@pytest.mark.usefixtures("undrawn")
 def test_noise_models_horizontally_are_the_sweeps_and_exposures(tmp_path: Path) -> None:
     folder = run(NOISE | {"alert": RAIL}, tmp_path / "out")
     g = pl_mc.simulate(epochs=1)[0]
@@ -202,6 +204,7 @@ def test_noise_models_horizontally_are_the_sweeps_and_exposures(tmp_path: Path) 
     assert set(pd.read_csv(folder / "risks.csv").axis) == {HORIZONTAL}
 
 
+@pytest.mark.usefixtures("undrawn")
 def test_variants_are_faulted_where_the_horizontal_error_moves_most(tmp_path: Path) -> None:
     folder = run(VARIANTS | {"alert": RAIL}, tmp_path / "out")
     faults = pd.read_csv(folder / "faults.csv").set_index(["geometry", "fault_class"])
@@ -272,6 +275,7 @@ RISK: dict[str, Any] = {
 }  # fmt: skip
 
 
+@pytest.mark.usefixtures("undrawn")
 def test_tuned_limits_horizontally(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(sys.modules[tune.__module__], "_STARTS", ())
     folder = run(TUNING | {"alert": RAIL}, tmp_path / "out")
@@ -314,6 +318,7 @@ def test_a_level_of_the_other_axis_is_no_objective() -> None:
         found["objectives"]()
 
 
+@pytest.mark.usefixtures("undrawn")
 def test_risks_horizontally(tmp_path: Path) -> None:
     folder = run(RISK | {"alert": RAIL}, tmp_path / "out")
     said = words_of(folder)
