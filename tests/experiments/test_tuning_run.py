@@ -32,8 +32,8 @@ TUNING = {
     "geometry": SKY | {"epoch": 0},
     "targets": [1e-2],
     "objectives": ["vpl"],
-    # Which is tuned is no matter; three plain solutions are compiled and solved sooner than the settled ones.
-    "methods": ["ls", {"name": "igg3", "iterations": 3}],
+    # Which is tuned is no matter; ten plain solutions are compiled and solved sooner than the settled ones.
+    "methods": ["ls", {"name": "igg3", "iterations": 10}],
     "faults": [{"G22": 5.0}],
     "draws": 4096,
     "search_draws": 1024,
@@ -60,7 +60,7 @@ def test_the_tuning_experiment(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) 
     tuned = rows.loc["tuned"]
     methods = [
         pl_mc.ls(k_vertical=exact.k_vertical),
-        Igg3(k0=tuned.k0, k1=tuned.k1, k_vertical=tuned.k_vertical, iterations=3),
+        Igg3(k0=tuned.k0, k1=tuned.k1, k_vertical=tuned.k_vertical, iterations=10),
     ]
     drawn = pl_mc.sample(g, pl_mc.no_fault(g), draws=4096, seed=1, methods=methods)
     for row, (_, part) in zip((exact, tuned), drawn.groupby("method", sort=False), strict=True):
