@@ -214,6 +214,6 @@ def separation_levels(
     priors = Priors(
         jnp.asarray(np.where(used, one[:, None], 0.0).T), jnp.asarray(np.maximum(1.0 - none - number * one, 0.0))
     )
-    levels = jax.jit(solve_levels)(whole, modes, priors, figures(bank.budget, used.shape[1]))
-    threshold, level = np.asarray(levels.threshold_m[UP]).T, np.asarray(levels.level_m[UP])
+    levels = jax.device_get(jax.jit(solve_levels)(whole, modes, priors, figures(bank.budget, used.shape[1])))
+    threshold, level = levels.threshold_m[UP].T, levels.level_m[UP]
     return SeparationLevels(np.where(solved, sigma_m, np.inf), threshold, level)

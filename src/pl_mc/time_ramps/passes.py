@@ -109,11 +109,11 @@ def pass_plan(
         design=jnp.asarray(rows.design),
         sigma_m=jnp.asarray(rows.sigma_m),
         in_view=jnp.asarray(rows.in_view),
-        bias_m=jnp.zeros((len(rows.design), 1, len(rows.names))),
-        applies=jnp.ones((len(rows.design), 1), bool),
-        epoch=jnp.arange(len(rows.design), dtype=jnp.uint32),
+        bias_m=jnp.asarray(np.zeros((len(rows.design), 1, len(rows.names)))),
+        applies=jnp.asarray(np.ones((len(rows.design), 1), bool)),
+        epoch=jnp.asarray(np.arange(len(rows.design), dtype=np.uint32)),
         one_clock_per_row=has_one_clock_per_row(rows.design),
-        satellite=None if rows.codes is None else jnp.broadcast_to(rows.codes, rows.sigma_m.shape),
+        satellite=None if rows.codes is None else jnp.asarray(np.broadcast_to(rows.codes, rows.sigma_m.shape)),
     )
     models, prepared = _prepare_all(batch, as_trees(methods))
     return PassPlan(

@@ -11,7 +11,6 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import jax
-import jax.numpy as jnp
 import numpy as np
 import pandas as pd
 from numpy.typing import ArrayLike
@@ -148,13 +147,13 @@ def _snapshot(budget: FilterBank, rows: Rows, ramp_m: FloatArray, place: int, on
     seen, satellites = rows.in_view, len(rows.names)
     design = np.moveaxis(rows.design * (seen / rows.sigma_m)[:, :, None], 0, -1)
     excluded = np.broadcast_to(np.eye(satellites, dtype=bool)[:, :, None], (satellites, satellites, len(seen)))
-    ones = jnp.ones((satellites, len(seen)))
-    whole, modes = jax.jit(fit_subsets)(jnp.asarray(design), jnp.asarray(seen.T), jnp.asarray(excluded), 0 * ones, ones)
-    sigma = np.concatenate([np.asarray(whole.sigma_m[UP])[None], np.asarray(modes.sigma_m[UP])]).T
-    solved = np.concatenate([np.asarray(whole.regular)[None], np.asarray(modes.regular)]).T
+    ones = np.ones((satellites, len(seen)))
+    whole, modes = jax.device_get(jax.jit(fit_subsets)(design, seen.T, excluded, 0 * ones, ones))
+    sigma = np.concatenate([whole.sigma_m[UP][None], modes.sigma_m[UP]]).T
+    solved = np.concatenate([whole.regular[None], modes.regular]).T
     levels = separation_levels(budget, rows, sigma, solved, seen)
     # What whitened observations add to the error and to the separation, (T, 2, m).
-    maps = np.moveaxis(np.stack([np.asarray(whole.gain[UP]), np.asarray(modes.difference[UP, :, place])]), -1, 0)
+    maps = np.moveaxis(np.stack([whole.gain[UP], modes.difference[UP, :, place]]), -1, 0)
     up_m = np.einsum("eqi,ei->eq", maps, ramp_m * seen / rows.sigma_m)
     known = np.where(solved[:, [0, 1 + place]].all(axis=1), 1.0, np.nan)
     covariance = maps @ np.swapaxes(maps, 1, 2) * known[:, None, None]
