@@ -330,6 +330,7 @@ def test_the_ends_of_a_curve() -> None:
     assert short.at(2.0) == pytest.approx((1e-3, 1e-4))
 
 
+@pytest.mark.quick
 def test_k_factor_from_a_curve_and_its_check() -> None:
     """What is least squares under another name, to the exact multiplier, and borne out by importance sampling."""
     g = appendix_d(noise=1.5)
