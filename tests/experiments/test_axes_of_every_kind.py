@@ -25,6 +25,10 @@ BOTH = {"name": "both", "vertical_m": 15.0, "horizontal_m": 10.0}
 WITH_AXIS = ("curves", "worst", "steps", "calibration", "multiplier_curves", "equal_risk")
 EPOCH = {"epochs": 1, "epoch": 0}
 GPS = EPOCH | {"constellations": ("GPS",), "without": ("G19",)}
+# Three plain solutions are compiled and solved in a part of the time that settled ones take, and judged by the same
+# axis.
+PLAIN = {"name": "igg3", "iterations": 3}
+METHODS = ("ls", pl_mc.igg3(iterations=3))
 SERIES: dict[str, Any] = {
     "kind": "series", "title": "rail", "seed": 3, "compare": "static", "redraws": 1,
     "source": {"kind": "site", "epochs": 40}, "faults": {"windows": [[10, 29]], "highest_m": 60.0},
@@ -32,7 +36,7 @@ SERIES: dict[str, Any] = {
 NOISE: dict[str, Any] = {
     "kind": "noise", "title": "rail", "draws": 600, "seed": 5, "geometry": EPOCH,
     "faults": {"satellite": "G12", "sizes_m": [20.0]}, "noises": ["gaussian", {"name": "student_t", "nu": 3.0}],
-    "methods": ["ls", "igg3"], "rare": {"fewest_events": 1, "sizes_m": [20.0], "max_evaluations": 500_000},
+    "methods": ["ls", PLAIN], "rare": {"fewest_events": 1, "sizes_m": [20.0], "max_evaluations": 500_000},
     "exposure": {"taus_s": [5.0], "duration_s": 5.0, "draws": 256, "event": "alarm", "sizes_m": [20.0]},
 }  # fmt: skip
 VARIANTS: dict[str, Any] = {
@@ -64,6 +68,7 @@ def words_of(folder: Path) -> str:
     return (folder / "report.json").read_text() + (folder / "summary.md").read_text()
 
 
+@pytest.mark.usefixtures("undrawn")
 @pytest.mark.parametrize("kind", KINDS)
 def test_a_horizontal_limit_alone_is_judged_and_nothing_else_is_said_to_be(kind: str, tmp_path: Path) -> None:
     folder = run(KINDS[kind] | {"alert": RAIL}, tmp_path / "out")
@@ -77,6 +82,7 @@ def test_a_horizontal_limit_alone_is_judged_and_nothing_else_is_said_to_be(kind:
         assert set(pd.read_csv(folder / f"{name}.csv").axis) == {HORIZONTAL}
 
 
+@pytest.mark.usefixtures("undrawn")
 @pytest.mark.parametrize("kind", KINDS)
 def test_the_vertical_that_is_asked_for_is_what_it_is_unasked_but_for_its_name(kind: str, tmp_path: Path) -> None:
     unasked = run(KINDS[kind] | {"alert": BOTH}, tmp_path / "unasked")
@@ -180,23 +186,25 @@ def test_readings_horizontally_are_their_series(tmp_path: Path) -> None:
     assert readings[readings.redraw == 0].median_clean_hpl_m.tolist() == pytest.approx(medians.median().tolist())
 
 
+@pytest.mark.usefixtures("undrawn")
 def test_noise_models_horizontally_are_the_sweeps_and_exposures(tmp_path: Path) -> None:
     folder = run(NOISE | {"alert": RAIL}, tmp_path / "out")
     g = pl_mc.simulate(epochs=1)[0]
     faults, alert = pl_mc.no_fault(g) + pl_mc.biases(g, {"G12": 20.0}), pl_mc.AlertLimits("rail", horizontal_m=10.0)
-    swept = pl_mc.sweep(g, faults, draws=600, seed=5, alert=alert, progress=False)
+    swept = pl_mc.sweep(g, faults, draws=600, seed=5, alert=alert, methods=METHODS, progress=False)
     exact = pl_mc.exact.ls_rates(g, faults, alert=alert, axis="horizontal")
     factors = pd.read_csv(folder / "factors.csv").query("noise == 'gaussian' and event == 'alarm'")
     assert factors["count"].tolist() == swept.alarms.tolist()
     np.testing.assert_allclose(factors.gaussian_rate[factors.method == "ls"], exact.alarm_rate, rtol=1e-9)
     counted = pl_mc.exposure(
-        g, faults.only(1), tau_s=[5.0], draws=256, seed=5, duration_s=5.0, alert=alert, progress=False
+        g, faults.only(1), tau_s=[5.0], draws=256, seed=5, duration_s=5.0, alert=alert, methods=METHODS, progress=False
     )
     stored = pd.read_csv(folder / "exposures.csv")
     assert stored.exposures_with.tolist() == counted.exposures_with.tolist()
     assert set(pd.read_csv(folder / "risks.csv").axis) == {HORIZONTAL}
 
 
+@pytest.mark.usefixtures("undrawn")
 def test_variants_are_faulted_where_the_horizontal_error_moves_most(tmp_path: Path) -> None:
     folder = run(VARIANTS | {"alert": RAIL}, tmp_path / "out")
     faults = pd.read_csv(folder / "faults.csv").set_index(["geometry", "fault_class"])
@@ -234,6 +242,7 @@ def test_exposures_of_either_limit_hold_those_of_both() -> None:
     g = pl_mc.simulate(epochs=1)[0]
     alert = pl_mc.AlertLimits("both", vertical_m=15.0, horizontal_m=10.0)
     options: dict[str, Any] = {"tau_s": 5.0, "draws": 512, "seed": 5, "duration_s": 5.0, "alert": alert}
+    options |= {"methods": METHODS}
     fault = pl_mc.biases(g, {"G12": 12.0})
     found = {
         axis: pl_mc.exposure(g, fault, axis=axis, progress=False, **options) for axis in (VERTICAL, HORIZONTAL, EITHER)
@@ -251,12 +260,12 @@ def test_exposures_of_either_limit_hold_those_of_both() -> None:
 
 TUNING: dict[str, Any] = {
     "kind": "tuning", "title": "rail", "seed": 5, "geometry": GPS,
-    "targets": [1e-2], "methods": ["ls", {"name": "igg3", "iterations": 10}], "faults": [{"G22": 5.0}], "draws": 4096,
+    "targets": [1e-2], "methods": ["ls", PLAIN], "faults": [{"G22": 5.0}], "draws": 4096,
     "search_draws": 1024, "steps": 1, "objectives": ["hpl"], "max_evaluations": 500_000,
 }  # fmt: skip
 RISK: dict[str, Any] = {
     "kind": "risk", "title": "rail", "seed": 5, "noise_scale": 3.0, "geometry": GPS,
-    "worst": {"events": ["misleading"]}, "methods": ["ls", {"name": "igg3", "iterations": 10}],
+    "worst": {"events": ["misleading"]}, "methods": ["ls", PLAIN],
     "curves": {"satellites": ["G22"], "step_m": 25.0, "misleading_m": [12.5], "target_cov": 0.3},
     "budgets": [],
     "calibration": {
@@ -266,6 +275,7 @@ RISK: dict[str, Any] = {
 }  # fmt: skip
 
 
+@pytest.mark.usefixtures("undrawn")
 def test_tuned_limits_horizontally(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(sys.modules[tune.__module__], "_STARTS", ())
     folder = run(TUNING | {"alert": RAIL}, tmp_path / "out")
@@ -287,7 +297,7 @@ def test_tuned_limits_horizontally(tmp_path: Path, monkeypatch: pytest.MonkeyPat
     assert abs(drawn.hpl_m.mean() - rows.hpl_m["exact"]) < 4.0 * error
     assert abs(drawn.alarm.mean() - rows.alarm_rate["exact"]) < 0.02
     # The robust estimate's multiplier keeps the target: other draws bear it out, within four standard errors of both.
-    robust = pl_mc.methods.Igg3(iterations=10, k_horizontal=rows.k_best["start"])
+    robust = pl_mc.methods.Igg3(iterations=3, k_horizontal=rows.k_best["start"])
     counted = pl_mc.sweep(g, faults, draws=20_000, seed=9, methods=(robust,), alert=alert, progress=False)
     spread = 4.0 * np.sqrt(1e-2 / 4096 + 1e-2 / 20_000)
     assert abs(counted.misleading_rate[0] - 1e-2) < spread
@@ -308,6 +318,7 @@ def test_a_level_of_the_other_axis_is_no_objective() -> None:
         found["objectives"]()
 
 
+@pytest.mark.usefixtures("undrawn")
 def test_risks_horizontally(tmp_path: Path) -> None:
     folder = run(RISK | {"alert": RAIL}, tmp_path / "out")
     said = words_of(folder)

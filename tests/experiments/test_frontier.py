@@ -20,8 +20,6 @@ from pl_mc.studies.frontier.one_number import by_slope, largest_slope, one_numbe
 from pl_mc.studies.frontier.record import FrontierExperiment, Sky
 from pl_mc.studies.frontier.run import _stopped
 
-pytestmark = pytest.mark.counting
-
 FEW = {
     "title": "few",
     "draws": 1024,
@@ -40,7 +38,6 @@ FEW = {
         {"name": "separated", "estimate": "midrange", "p_const": 0.0},
     ],
 }
-
 
 NOTHING_WRONG = {"noises": [], "correlations": [], "angles_deg": [], "pair_priors": []}
 
@@ -69,6 +66,7 @@ def test_methods_stand_at_equal_risk(found) -> None:
     np.testing.assert_allclose(scaled.discontinuity, scaled.satellites * 1e-5, rtol=1e-3)
 
 
+@pytest.mark.counting
 def test_exclusions_and_faults_of_several_satellites() -> None:
     """A large fault is excluded, and seldom another satellite."""
     sky = FEW["skies"][0] | {"count": 1, "stressed": 0}

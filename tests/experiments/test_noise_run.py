@@ -59,7 +59,7 @@ def test_factors_are_the_rates_of_the_sweeps(tmp_path: Path) -> None:
 
 def test_the_run_writes_nothing(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.chdir(tmp_path)
-    experiment = build_experiment(NOISE | {"draws": 300}, source="test")
+    experiment = build_experiment(NOISE | {"rare": {"max_evaluations": 500_000}}, source="test")
     findings = STUDY.run(experiment, Execution(progress=False))
     assert list(findings.data) == ["rates", "factors", "risks", "exposures"]
     assert [picture.name for picture in STUDY.pictures(findings.data, experiment)] == ["noise_models", "exposures"]

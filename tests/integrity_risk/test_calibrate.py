@@ -83,6 +83,7 @@ def test_pooled_least_squares() -> None:
     assert each.min() < row["k_vertical"] < each.max()
 
 
+@pytest.mark.quick
 def test_a_target_that_every_k_factor_keeps() -> None:
     # Unavailable: an alarm always.
     g = random_series(np.random.default_rng(3), np.ones((1, 5), dtype=bool), "GGGCC")
@@ -130,6 +131,7 @@ def test_coverage_of_the_order_statistics() -> None:
         assert binomial_p_value(count, 4000, chance) > 1e-6 / 2
 
 
+@pytest.mark.quick
 @pytest.mark.parametrize("event", ["exceeded", "misleading"])
 def test_counted_k_factor_of_what_is_least_squares(event: str) -> None:
     g = appendix_d(noise=3.0)
@@ -163,6 +165,7 @@ def test_counted_k_factor_of_what_is_least_squares(event: str) -> None:
         assert binomial_p_value(before, 40_000, ls_rates(g, one)["alarm_rate"][0]) > 1e-6
 
 
+@pytest.mark.quick
 def test_pooled_counting() -> None:
     day = _day(np.random.default_rng(2))[0:2]
     exact = calibrate(day, target=5e-3, pooled=True)["k_vertical"][0]
@@ -205,6 +208,7 @@ def _exact_estimator(g: Geometry, event: str, scatter: float):
     return of
 
 
+@pytest.mark.quick
 @pytest.mark.parametrize(("event", "scatter"), [("exceeded", 0.0), ("misleading", 0.0), ("misleading", 0.5)])
 def test_k_factor_by_rare_events(event: str, scatter: float) -> None:
     g = appendix_d(noise=1.5)
@@ -236,6 +240,7 @@ def test_k_factor_by_rare_events(event: str, scatter: float) -> None:
     assert row["warning"] == ""
 
 
+@pytest.mark.quick
 def test_bounds_that_no_estimate_reaches_are_told() -> None:
     """Estimates that are worse each time bear out no multiplier."""
     g = appendix_d(noise=1.5)
@@ -263,6 +268,7 @@ def _state(fault: Faults | None = None, method=NEVER_REWEIGHTS) -> RatioState:
     return ratio_state(g, no_fault(g) if fault is None else fault, method, "misleading", LPV_200)
 
 
+@pytest.mark.quick
 def test_the_ratio_decides_the_event_at_every_k_factor() -> None:
     """Against the methods themselves: error and level of each draw, and an alarm where the level passes VAL."""
     g = appendix_d(noise=6.0)
@@ -324,6 +330,7 @@ def test_the_ends_of_a_curve() -> None:
     assert short.at(2.0) == pytest.approx((1e-3, 1e-4))
 
 
+@pytest.mark.quick
 def test_k_factor_from_a_curve_and_its_check() -> None:
     """What is least squares under another name, to the exact multiplier, and borne out by importance sampling."""
     g = appendix_d(noise=1.5)
@@ -397,6 +404,7 @@ def test_the_fault_that_needs_most() -> None:
     assert each[chosen] > 0.95 * each.max()
 
 
+@pytest.mark.quick
 def test_bad_input() -> None:
     g = appendix_d()
 

@@ -139,7 +139,7 @@ def test_the_false_alarm_budget_is_kept_under_the_noise_that_it_means() -> None:
 
 def test_a_level_beyond_the_limit_alarms_always() -> None:
     tight = pl_mc.AlertLimits("tight", vertical_m=1.0)
-    found = pl_mc.continuity(G, (araim(),), sizes_m=5.0, draws=16, rare_draws=256, alert=tight)
+    found = pl_mc.continuity(G, (araim(),), sizes_m=5.0, draws=16, rare_draws=4096, alert=tight)
     assert (found[found.fault != "total"][["alarm_low", "alarm"]].iloc[0] == 1.0).all()
     assert found[found.fault == "total"].contribution.iloc[0] == 1.0
 

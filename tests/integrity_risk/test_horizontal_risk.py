@@ -2,11 +2,13 @@
 
 from __future__ import annotations
 
+import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
+from jax import Array
 from scipy import optimize
 
 import pl_mc
@@ -28,6 +30,19 @@ NAMES = [event.name for event in EVENTS]
 NEVER_REWEIGHTS = Igg3(k0=1e3, k1=2e3, iterations=1)
 
 
+@jax.jit
+def judged(outcome: Outcome) -> list[tuple[Array, Array]]:
+    """Of every axis, which events happened and the limit states of those that have one."""
+    limits = {VERTICAL: 15.0, HORIZONTAL: 10.0, EITHER: jnp.array([15.0, 10.0])}
+    return [
+        (
+            events(outcome, jnp.asarray(limits_of(RAIL, np.float64)), axis),
+            jnp.stack([limit_state(outcome, limits[axis], event, axis) for event in RISK_EVENTS]),
+        )
+        for axis in AXES
+    ]
+
+
 @given(
     error=st.tuples(METRES, METRES, METRES), levels=st.tuples(METRES, METRES), available=st.booleans(),
     rejects=st.booleans(),
@@ -35,17 +50,14 @@ NEVER_REWEIGHTS = Igg3(k0=1e3, k1=2e3, iterations=1)
 def test_the_sign_is_the_event_on_every_axis(
     error: tuple[float, float, float], levels: tuple[float, float], available: bool, rejects: bool
 ) -> None:
-    infinite = jnp.inf if not available else 0.0
+    infinite = np.inf if not available else 0.0
     outcome = Outcome(
-        error_m=jnp.array(error) + infinite, hpl_m=jnp.array(levels[0] + infinite),
-        vpl_m=jnp.array(levels[1] + infinite), available=jnp.array(available), rejects=jnp.array(rejects),
+        error_m=np.array(error) + infinite, hpl_m=np.array(levels[0] + infinite),
+        vpl_m=np.array(levels[1] + infinite), available=np.array(available), rejects=np.array(rejects),
     )  # fmt: skip
-    limits = {VERTICAL: 15.0, HORIZONTAL: 10.0, EITHER: jnp.array([15.0, 10.0])}
-    for axis in AXES:
-        seen = np.asarray(events(outcome, jnp.asarray(limits_of(RAIL, np.float64)), axis))
+    for axis, (seen, values) in zip(AXES, jax.device_get(judged(outcome)), strict=True):
         happened = dict(zip(NAMES, seen, strict=True))
-        for event in RISK_EVENTS:
-            value = float(limit_state(outcome, limits[axis], event, axis))
+        for event, value in zip(RISK_EVENTS, values, strict=True):
             assert np.isfinite(value)
             if value != 0.0:
                 assert (value > 0.0) == happened[event], (axis, event)

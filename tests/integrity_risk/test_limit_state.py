@@ -2,11 +2,13 @@
 
 from __future__ import annotations
 
+import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
+from jax import Array
 
 import pl_mc
 from pl_mc.alert import LPV_200
@@ -29,20 +31,26 @@ def limit_of(g: pl_mc.Geometry, fault: pl_mc.Faults, method: Method, event: str)
     return LimitState(g.design, g.sigma_m, g.in_view, bias, method, event, 35.0, coordinates)
 
 
+@jax.jit
+def judged(outcome: Outcome) -> tuple[Array, Array]:
+    """Which events happened, and the limit states of those that have one."""
+    states = [limit_state(outcome, 35.0, event) for event in RISK_EVENTS]
+    return events(outcome, limits_of(LPV_200, np.float64)), jnp.stack(states)
+
+
 @given(error=st.floats(-200.0, 200.0), vpl=METRES, available=st.booleans(), rejects=st.booleans())
 def test_its_sign_is_the_event(error: float, vpl: float, available: bool, rejects: bool) -> None:
-    infinite = jnp.inf if not available else 0.0
+    infinite = np.inf if not available else 0.0
     outcome = Outcome(
-        error_m=jnp.array([0.0, 0.0, error + infinite]),
-        hpl_m=jnp.array(1.0),
-        vpl_m=jnp.array(vpl + infinite),
-        available=jnp.array(available),
-        rejects=jnp.array(rejects),
+        error_m=np.array([0.0, 0.0, error + infinite]),
+        hpl_m=np.array(1.0),
+        vpl_m=np.array(vpl + infinite),
+        available=np.array(available),
+        rejects=np.array(rejects),
     )
-    names = [event.name for event in EVENTS]
-    happened = dict(zip(names, np.asarray(events(outcome, limits_of(LPV_200, np.float64))), strict=True))
-    for event in RISK_EVENTS:
-        value = float(limit_state(outcome, 35.0, event))
+    seen, values = jax.device_get(judged(outcome))
+    happened = dict(zip([event.name for event in EVENTS], seen, strict=True))
+    for event, value in zip(RISK_EVENTS, values, strict=True):
         assert np.isfinite(value)
         # On the boundary itself the definitions of a sweep decide; it has no probability.
         if value != 0.0:

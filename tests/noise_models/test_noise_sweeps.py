@@ -5,6 +5,7 @@ from __future__ import annotations
 import jax
 import numpy as np
 import pytest
+from jax import Array
 
 import pl_mc
 from pl_mc.alert import AlertLimits
@@ -14,7 +15,7 @@ from pl_mc.input_errors import InputError
 from pl_mc.integrity_risk.rare.limit_state import LimitState, all_axes, limit_state
 from pl_mc.integrity_risk.rare.risk import risk
 from pl_mc.kernels.noise import epoch_key, unit_inputs, unit_noise
-from pl_mc.methods import Igg3, Ls
+from pl_mc.methods import Igg3, Ls, Outcome
 from pl_mc.noise_models import GAUSSIAN, GaussianMixture, Multipath, NoiseModel, NominalBias, StudentT
 from pl_mc.statistics.intervals import binomial_p_value
 from pl_mc.statistics.least_squares import ls_quantities
@@ -110,15 +111,26 @@ def test_the_limit_state_of_shaped_noise_is_that_of_the_sweep() -> None:
     )
     assert limit.active == limit.dimension == 14
     one = EpochBatch(G.design, G.sigma_m, seen, bias[None], np.ones(1, bool), np.uint32(0))
-    numbers = unit_inputs(epoch_key(np.uint32(3), np.uint32(0)), np.int32(0), 2, 7, np.float64)
+    seed, block = np.uint32(3), np.int32(0)
+    numbers = unit_inputs(epoch_key(seed, np.uint32(0)), block, 2, 7, np.float64)
     points = np.concatenate([np.asarray(part).T for part in numbers], axis=1)
-    batch = jax.tree.map(lambda part: np.asarray(part)[None], one)
-    (outcome,) = block_outcomes(batch, np.uint32(3), np.int32(0), (method,), noise_model=noise)
-    outcome = jax.tree.map(lambda part: part[0, 0], outcome)
-    np.testing.assert_allclose(limit(points), limit_state(outcome, 35.0, "misleading"), atol=1e-9)
-    model, _ = prepare_epoch(one, (method,))
-    drawn = block_noise(model, one, np.uint32(3), np.int32(0), noise)
-    np.testing.assert_allclose(drawn, noise.shape(model, numbers), atol=1e-12)
+
+    # Compiled as a whole: operation by operation it would take longer.
+    @jax.jit
+    def counted(one: EpochBatch) -> Outcome:
+        (outcome,) = block_outcomes(
+            jax.tree.map(lambda part: part[None], one), seed, block, (method,), noise_model=noise
+        )
+        return jax.tree.map(lambda part: part[0, 0], outcome)
+
+    @jax.jit
+    def both(one: EpochBatch, numbers: list[Array]) -> tuple[Array, Array]:
+        model, _ = prepare_epoch(one, (method,))
+        return block_noise(model, one, seed, block, noise), noise.shape(model, numbers)
+
+    of_outcome = jax.jit(lambda outcome: limit_state(outcome, 35.0, "misleading"))
+    np.testing.assert_allclose(limit(points), of_outcome(counted(one)), atol=1e-9)
+    np.testing.assert_allclose(*both(one, list(numbers)), atol=1e-12)
 
 
 @pytest.mark.parametrize(

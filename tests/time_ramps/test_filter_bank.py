@@ -6,7 +6,6 @@ import dataclasses
 from typing import Any
 
 import jax
-import jax.numpy as jnp
 import numpy as np
 import pandas as pd
 import pytest
@@ -181,9 +180,9 @@ def test_the_bank_is_that_of_a_plain_reference(rows: Rows, which: int) -> None:
     bank, lane = BANKS[which], 17
     plan = pass_plan((bank,), rows, NOISE, unit_ramp_m(rows, SATELLITE, ONSET), ONSET, 20.0)
     key = pass_key(np.uint32(7), np.uint32(0), np.uint32(0))
-    signals = jax.jit(fault_free_signals)(plan, key)
-    times = jnp.arange(EPOCHS, dtype=jnp.int32)
-    numbers = jax.vmap(lambda t: step_numbers(key, t, len(rows.names), plan.sequential[0].motions)[2])(times)
+    signals = jax.tree.map(np.asarray, jax.jit(fault_free_signals)(plan, key))
+    times = np.arange(EPOCHS, dtype=np.int32)
+    numbers = jax.jit(jax.vmap(lambda t: step_numbers(key, t, len(rows.names), plan.sequential[0].motions)[2]))(times)
     noise_m = np.asarray(signals.noise)[:, :, lane] * rows.sigma_m
     separation, up = numpy_bank(bank, rows, noise_m, np.asarray(numbers)[:, :, lane])
     np.testing.assert_allclose(signals.sums[0][:, :, lane], separation, atol=1e-5)
@@ -193,9 +192,9 @@ def test_the_bank_is_that_of_a_plain_reference(rows: Rows, which: int) -> None:
     ramped, up_ramped = numpy_bank(bank, rows, noise_m + ramp, np.asarray(numbers)[:, :, lane])
     np.testing.assert_allclose(up_ramped - up, 0.05 * np.asarray(plan.sequential[0].up_m), atol=1e-5)
     tests = plan.sequential[0].tests
-    one = WindowTests(tests.whitener[-1], tests.response[-1], tests.samples)
+    one = WindowTests(np.asarray(tests.whitener)[-1], np.asarray(tests.response)[-1], tests.samples)
     total = [signals.sums[0][-1]] * len(tests.samples)
-    ratio = np.asarray(jax.jit(largest_ratio)(one, total, jnp.asarray([0.05])))[0, lane]
+    ratio = np.asarray(jax.jit(largest_ratio)(one, total, np.array([0.05])))[0, lane]
     threshold = separation_levels(bank, rows, np.sqrt(bank.filters(rows, NOISE)[1].up_variance_m2)).threshold_m[-1]
     assert ratio == pytest.approx(np.max(ramped[-1] ** 2 / threshold**2), rel=1e-5)
 
@@ -207,7 +206,7 @@ def test_what_is_counted_has_its_exact_probability(rows: Rows, assumed: tuple[fl
     ramp_m = unit_ramp_m(rows, SATELLITE, ONSET)
     plan = pass_plan((bank,), rows, NOISE, ramp_m, ONSET, 20.0)
     make = jax.jit(lambda block: fault_free_signals(plan, pass_key(np.uint32(5), np.uint32(0), block)))
-    parts = [make(np.uint32(block)) for block in range(BLOCKS)]
+    parts = [jax.tree.map(np.asarray, make(np.uint32(block))) for block in range(BLOCKS)]
     found = _filtered(bank, rows, NOISE, ramp_m, place, ONSET)
     for epoch in (25, EPOCHS - 1):
         at = epoch - ONSET

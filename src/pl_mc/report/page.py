@@ -7,6 +7,7 @@ again. Nothing here knows a kind of experiment.
 from __future__ import annotations
 
 import base64
+import functools
 import io
 import math
 import re
@@ -172,12 +173,18 @@ def render(template: str, content: Mapping[str, Any]) -> str:
         "chart_script": Markup(_asset("chart.js")),
         "table_script": Markup(_asset("table.js")),
     }
+    return _environment().get_template(template).render(common | dict(content))
+
+
+@functools.cache
+def _environment() -> jinja2.Environment:
+    """One for all pages: its templates are compiled once, which takes as long as the rest of a small page."""
     environment = jinja2.Environment(
         loader=jinja2.FunctionLoader(_asset), autoescape=True, undefined=jinja2.StrictUndefined,
         trim_blocks=True, lstrip_blocks=True,
     )  # fmt: skip
     environment.filters |= {"inline": _inline, "json": json_in_page}
-    return environment.get_template(template).render(common | dict(content))
+    return environment
 
 
 def charts_within_limit(charts: Sequence[dict[str, Any]]) -> list[dict[str, Any]]:
