@@ -108,16 +108,20 @@ def test_gradients_are_those_of_differences(name):
     rng = np.random.default_rng(5)
     direction = tuple(rng.standard_normal(x.shape) * scale for x, scale in zip(point, (0.1, 0.1, 1.0), strict=True))
 
-    def vpl(step):
-        at = tuple(x + step * d for x, d in zip(point, direction, strict=True))
-        return value_and_gradients(name, (0, 1, 2))(*at, np.ones(10, bool), True)
+    # A row out of view has no part in it.
+    for in_view in (np.ones(10, bool), np.arange(10) != 7):
 
-    gradient = vpl(0.0)[1]
-    assert all(np.isfinite(part).all() for part in gradient)
-    slope = sum(np.sum(part * d) for part, d in zip(gradient, direction, strict=True))
-    step = 1e-5
-    # Central differences: truncation of the order of the square of the step, rounding 1e-16 / 1e-5 times the level.
-    np.testing.assert_allclose(slope, (vpl(step)[0] - vpl(-step)[0]) / (2 * step), rtol=1e-5, atol=1e-6)
+        def vpl(step, in_view=in_view):
+            at = tuple(x + step * d for x, d in zip(point, direction, strict=True))
+            return value_and_gradients(name, (0, 1, 2))(*at, in_view, True)
+
+        gradient = vpl(0.0)[1]
+        assert all(np.isfinite(part).all() for part in gradient)
+        assert all((part[~in_view] == 0).all() for part in gradient)
+        slope = sum(np.sum(part * d) for part, d in zip(gradient, direction, strict=True))
+        step = 1e-5
+        # Central differences: truncation of the order of the square of the step, rounding 1e-16 / 1e-5 times the level.
+        np.testing.assert_allclose(slope, (vpl(step)[0] - vpl(-step)[0]) / (2 * step), rtol=1e-5, atol=1e-6)
 
 
 @pytest.mark.parametrize(("name", "by"), [("default", (0, 1, 2)), ("mad", (2,))])
