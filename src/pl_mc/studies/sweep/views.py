@@ -13,6 +13,7 @@ from pl_mc.engine import Execution, sample
 from pl_mc.engine.table import count_columns, sum_over_faults, with_rates
 from pl_mc.faults import Faults, no_fault, ramps
 from pl_mc.geometry import Geometry, redundancy_numbers
+from pl_mc.input_errors import InputError
 from pl_mc.noise_models import GAUSSIAN
 from pl_mc.report.document import Chart
 from pl_mc.report.findings import Findings, Table, event_quantities, level_quantities
@@ -46,7 +47,7 @@ def planned(experiment: SweepExperiment) -> tuple[tuple[PlannedSweep, ...], tupl
     g, given, draws = experiment.geometry.build(), experiment.faults, experiment.draws
     if isinstance(given, RampSizes):
         series = g.as_series()
-        return (PlannedSweep("sweep", series, _on_every_satellite(experiment, series), draws),), g.notes
+        return (PlannedSweep("sweep", series, _on_every_satellite(experiment, series, free=True), draws),), g.notes
     faults, notes = given.build(g)
     notes = g.notes + notes
     if experiment.draws_per_satellite is None:
@@ -54,7 +55,7 @@ def planned(experiment: SweepExperiment) -> tuple[tuple[PlannedSweep, ...], tupl
     return (
         # A ramp from zero has the fault-free case already.
         PlannedSweep("ramp", g, faults if no_fault(g).labels[0] in faults.labels else no_fault(g) + faults, draws),
-        PlannedSweep("satellites", g, _on_every_satellite(experiment, g), experiment.draws_per_satellite),
+        PlannedSweep("satellites", g, _on_every_satellite(experiment, g, free=False), experiment.draws_per_satellite),
     ), notes
 
 
@@ -122,7 +123,8 @@ def over_time(experiment: SweepExperiment, execution: Execution) -> Findings:
     by_place = rates_by_place(sweep.rows(execution))
     rates["satellite"] = _satellite(rates)
     keys = keys_of(rates)
-    of_satellite = sum_over_faults(rates, ["satellite", *keys], independent=_draws_by(by_place, ["satellite"]))
+    faulted = rates[rates.bias_m != 0]
+    of_satellite = sum_over_faults(faulted, ["satellite", *keys], independent=_draws_by(by_place, ["satellite"]))
     of_bias = sum_over_faults(rates, ["bias_m", *keys], independent=_draws_by(by_place, []))
     return Findings(
         summary=map_summary(experiment, sweep.g, of_bias, of_satellite),
@@ -195,9 +197,10 @@ def level_table(outcomes: pd.DataFrame) -> pd.DataFrame:
 
 
 def rates_by_place(parts: Iterable[pd.DataFrame]) -> pd.DataFrame:
-    """One row per epoch, satellite and method, summed over biases, from the rows of a sweep part by part."""
+    """One row per epoch, satellite and method, summed over biases but zero, from the rows of a sweep part by part."""
     sums = []
     for rows in parts:
+        rows = rows[rows.bias_m != 0]
         keys = ["epoch", "satellite", *keys_of(rows)]
         rows = rows.assign(satellite=_satellite(rows), **{key: rows[key].astype(str) for key in keys[2:]})
         # Rows of one epoch and part have the same draws; all biases of a satellite saw the same noise.
@@ -219,8 +222,17 @@ def _satellite(rates: pd.DataFrame) -> pd.Series:
     return rates.fault.astype(str).str.split(":").str[0]
 
 
-def _on_every_satellite(experiment: SweepExperiment, g: Geometry) -> Faults:
-    return ramps(g, satellites=g.names, **experiment.faults.model_dump(include=set(RampSizes.model_fields)))
+def _on_every_satellite(experiment: SweepExperiment, g: Geometry, *, free: bool) -> Faults:
+    """A ramp on each; what ramps from zero have without a fault is one case for all, or left to another sweep."""
+    sizes = experiment.faults.model_dump(include=set(RampSizes.model_fields))
+    faults = ramps(g, satellites=g.names, **sizes)
+    kept = faults.scalar_bias_m != 0
+    if not kept.any():
+        nearest = f"(nearest: {sizes['step_m']:g})"
+        raise InputError(f"faults.stop_m: a ramp on every satellite has a size above zero {nearest}, not 0.")
+    if free:
+        kept[np.flatnonzero(~kept)[:1]] = True
+    return faults.only(*np.flatnonzero(kept))
 
 
 def has_levels(sweep: PlannedSweep) -> bool:
