@@ -42,8 +42,8 @@ from pl_mc.statistics.intervals import clopper_pearson, shared_noise_bounds
 
 FAULT_FREE, TOTAL = "none", "total"
 _CONFIDENCE = 0.95
-# Lanes of a call.
-_LANES = 4096
+# Lanes of a call: at least, and at most.
+_FEWEST_LANES, _LANES = 1024, 4096
 # Continuity of LPV-200, 8e-6 in any 15 s (ICAO Annex 10), over the 150 s of an approach.
 LPV_200_CONTINUITY = 8e-5
 
@@ -163,16 +163,20 @@ def _of_method(
     n, budget, ism, trees = len(g.names), method.budget, method.ism, as_trees((method,))
     root, tests, limit = (np.asarray(part) for part in _tests(*epoch(), trees))
 
+    bias = (sizes[:, None, None] * np.eye(n)).reshape(-1, n)
+    width = int(np.clip(draws, _FEWEST_LANES, _LANES))
+
     def alarming(noise: FloatArray, bias_m: FloatArray) -> FloatArray:
-        lanes = noise.shape[1]
-        parts = max(1, lanes // _LANES)
-        # Parts of one width, so that one program does for all.
-        padded = np.pad(noise, ((0, 0), (0, -lanes % parts)))
+        lanes, faults = noise.shape[1], len(bias_m)
+        # Parts of one width and as many faults, of which some do not apply, so that one program does for all.
+        padded = np.pad(noise, ((0, 0), (0, -lanes % width)))
+        rows = on_device(np.pad(bias_m, ((0, len(bias) - faults), (0, 0))))
+        applies = on_device(np.arange(len(bias)) < faults)
         found = [
-            np.asarray(_alarms(*epoch(), on_device(part), on_device(bias_m), limits_m, trees, axis=axis))
-            for part in np.split(padded, parts, axis=1)
+            np.asarray(_alarms(*epoch(), on_device(part), rows, applies, limits_m, trees, axis=axis))
+            for part in np.split(padded, padded.shape[1] // width, axis=1)
         ]
-        return np.concatenate(found, axis=1)[:, :lanes]
+        return np.concatenate(found, axis=1)[:faults, :lanes]
 
     rows = [_row(method, FAULT_FREE, 0.0, 1.0)]
     noise, share, union = failing(tests, limit, root, _chi2(method, epoch, root), rare_draws, seed)
@@ -185,7 +189,6 @@ def _of_method(
     rows[0] |= _columns("alarm", found)
     rng = np.random.Generator(np.random.Philox([seed, 1]))
     unit = root[:, None] * rng.standard_normal((n, draws))
-    bias = (sizes[:, None, None] * np.eye(n)).reshape(-1, n)
     counts = alarming(unit, bias).sum(axis=1).reshape(len(sizes), n)
     begins = ism.values("r_sat_per_h", g.names, g.systems) * budget.exposure_h
     for k, name in enumerate(g.names):
@@ -290,17 +293,18 @@ def _tests(design: Array, sigma_m: Array, satellite: Any, trees: Trees) -> tuple
 
 @functools.partial(jax.jit, static_argnames=("axis",))
 def _alarms(
-    design: Array, sigma_m: Array, satellite: Any, noise: Array, bias_m: Array, limits_m: Any, trees: Trees, *,
-    axis: str,
+    design: Array, sigma_m: Array, satellite: Any, noise: Array, bias_m: Array, applies: Array, limits_m: Any,
+    trees: Trees, *, axis: str,
 ) -> Array:  # fmt: skip
-    """(f, lanes), which scenarios alarm: noise (n, lanes), whitened, plus biases (f, n) [m]."""
+    """(f, lanes), which scenarios alarm: noise (n, lanes), whitened, plus biases (f, n) [m] where they apply (f,)."""
     (method,) = of_trees(trees)
     model = _model(design, sigma_m, satellite)
     prepared = method.prepare(model)
-    faults = Biases(bias_m, jnp.ones(bias_m.shape[0], bool))
     return each_fault(
-        model, faults, noise, lambda start, _: alarms(method.solve(model, prepared, start), limits_m, axis)
-    )
+        model, Biases(bias_m, applies), noise,
+        lambda start, _: alarms(method.solve(model, prepared, start), limits_m, axis),
+        skipped=jnp.zeros(noise.shape[1], bool),
+    )  # fmt: skip
 
 
 def _model(design: Array, sigma_m: Array, satellite: Any) -> LinearModel:
