@@ -227,6 +227,12 @@ class Drawing:
 DRAWING = Drawing()
 
 
+@pytest.fixture
+def without_figures(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Runs make no figures, for tests of tables: a figure that fails costs itself alone, and other tests look at it."""
+    monkeypatch.setattr("pl_mc.report.files.write_pictures", lambda *_: ((), {}))
+
+
 # Files by how long they take, longest first: what comes last should be short, so that no process waits for another.
 LONGEST = (
     "experiments/test_tuning_run.py",
