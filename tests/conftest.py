@@ -4,9 +4,11 @@ from __future__ import annotations
 
 import ctypes
 import gc
+import hashlib
 import importlib
 import importlib.util
 import os
+import pickle
 import shutil
 import sys
 import tempfile
@@ -164,7 +166,7 @@ def pytest_runtest_setup(item: pytest.Item) -> None:
 
 
 class Drawing:
-    """Figures that runs write: each process renders the first of a sort, and the others are copies of it.
+    """Figures that runs write: of a sort the first is rendered, and the others, in all processes, are copies of it.
 
     A sort is known by the name of the figure, its look, and the number and scales of its axes. Rendering took a third
     of the tests of experiments, nearly all of which look at tables and at words. Where files of figures are looked at
@@ -188,12 +190,11 @@ class Drawing:
         look = look_now()
         sort = (name, look, tuple((axes.get_xscale(), axes.get_yscale()) for axes in figure.axes))
         # What could not be drawn has no axes.
-        known = self.known.get(sort) if figure.axes and not self.always else None
+        known = self.rendered(sort) if figure.axes and not self.always else None
         if known is None:
             why = str(self.render(figure, folder, name))
             if not why:
-                files = [folder / f"{name}.{ending}" for ending in look.endings]
-                self.known[sort] = {file.name: file.read_bytes() for file in files}
+                self.keep(sort, [folder / f"{name}.{ending}" for ending in look.endings])
             return why
         for axes in figure.axes:
             # Names of ticks, which are words of the figure, are made when they are asked for.
@@ -203,8 +204,33 @@ class Drawing:
             (folder / file).write_bytes(content)
         return ""
 
+    def rendered(self, sort: Any) -> dict[str, bytes] | None:
+        """Files of a sort, by name, that this process or one beside it has rendered."""
+        place = self.place(sort)
+        if sort not in self.known and place.is_file():
+            self.known[sort] = pickle.loads(place.read_bytes())
+        return self.known.get(sort)
+
+    def keep(self, sort: Any, files: list[Path]) -> None:
+        self.known[sort] = {file.name: file.read_bytes() for file in files}
+        place = self.place(sort)
+        place.parent.mkdir(exist_ok=True)
+        own = place.with_suffix(f".{os.getpid()}")
+        own.write_bytes(pickle.dumps(self.known[sort]))
+        own.replace(place)
+
+    def place(self, sort: Any) -> Path:
+        digest = hashlib.sha256(repr(sort).encode()).hexdigest()
+        return Path(os.environ[CACHE_VARIABLE], "figures", f"{digest}.pickle")
+
 
 DRAWING = Drawing()
+
+
+@pytest.fixture
+def without_figures(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Runs make no figures, for tests of tables: a figure that fails costs itself alone, and other tests look at it."""
+    monkeypatch.setattr("pl_mc.report.files.write_pictures", lambda *_: ((), {}))
 
 
 # Files by how long they take, longest first: what comes last should be short, so that no process waits for another.

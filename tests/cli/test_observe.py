@@ -58,6 +58,7 @@ def esbjerg(data_folder: Path) -> tuple[str, str]:
 @pytest.mark.parametrize(
     ("systems", "expected_m"), [("G,C", (0.99, 1.36, 1.76)), ("G", (1.46, 2.39, 2.97)), ("C", (0.68, 1.58, 2.34))]
 )
+@pytest.mark.usefixtures("without_figures")
 def test_accuracy_on_the_static_day(
     tmp_path: Path, esbjerg: tuple[str, str], systems: str, expected_m: tuple[float, float, float]
 ) -> None:
@@ -94,6 +95,7 @@ def test_two_faulted_satellites_alarm_least_squares_and_not_the_robust_level(
     assert stored.document.answer == STUDY.answer({"epochs": table}, build_experiment(stored.experiment, source=""))
 
 
+@pytest.mark.usefixtures("without_figures")
 def test_the_car_data_run(tmp_path: Path, data_folder: Path) -> None:
     files = ("CARD00ESP_R_20203341240_20M_01S_GC.rnx.gz", "CARD00ESP_R_20203340900_15H_GC_nav.rnx.gz")
     track = str(data_folder / "CARD_own_ppk.csv.gz")
@@ -141,6 +143,7 @@ def small(name: str = "mixed_3") -> tuple[str, str]:
 
 
 @pytest.mark.parametrize("form", [["--truth", TRUTH_2], [f"--truth={TRUTH_2}"]])
+@pytest.mark.usefixtures("without_figures")
 def test_a_truth_may_begin_with_a_minus(form: list[str], tmp_path: Path) -> None:
     main(["observe", *small("gps_2"), *form, "--systems", "G", "--out", str(tmp_path / "out")])
     table = pd.read_parquet(tmp_path / "out" / "epochs.parquet")
@@ -157,6 +160,7 @@ def test_a_mask_below_the_horizon_reaches_its_own_rule(
     assert "mask_deg: input should be greater than or equal to 0, not -1.0" in capsys.readouterr().err
 
 
+@pytest.mark.usefixtures("without_figures")
 def test_several_navigation_files_and_no_ionosphere(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     observations, navigation = small()
     text = Path(navigation).read_text()
@@ -180,6 +184,7 @@ def test_several_navigation_files_and_no_ionosphere(tmp_path: Path, capsys: pyte
     assert not (tmp_path / "no").exists()
 
 
+@pytest.mark.usefixtures("without_figures")
 def test_systems_signals_carriers_and_methods_with_options(
     tmp_path: Path, data_folder: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
@@ -308,6 +313,7 @@ def test_a_check_names_every_missing_file_by_its_field(tmp_path: Path) -> None:
     ]
 
 
+@pytest.mark.usefixtures("without_figures")
 def test_faults_of_a_receiver_in_time_and_drawn(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     ups, texts = [], ("none", "G07:+30m:1-1", "G:+50m", "G07+G13:+-20m", "G07:+1m/s")
     for text in texts:

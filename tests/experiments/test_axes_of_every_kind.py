@@ -82,7 +82,7 @@ def test_a_horizontal_limit_alone_is_judged_and_nothing_else_is_said_to_be(kind:
         assert set(pd.read_csv(folder / f"{name}.csv").axis) == {HORIZONTAL}
 
 
-@pytest.mark.usefixtures("undrawn")
+@pytest.mark.usefixtures("without_figures")
 @pytest.mark.parametrize("kind", KINDS)
 def test_the_vertical_that_is_asked_for_is_what_it_is_unasked_but_for_its_name(kind: str, tmp_path: Path) -> None:
     unasked = run(KINDS[kind] | {"alert": BOTH}, tmp_path / "unasked")
@@ -186,7 +186,7 @@ def test_readings_horizontally_are_their_series(tmp_path: Path) -> None:
     assert readings[readings.redraw == 0].median_clean_hpl_m.tolist() == pytest.approx(medians.median().tolist())
 
 
-@pytest.mark.usefixtures("undrawn")
+@pytest.mark.usefixtures("without_figures")
 def test_noise_models_horizontally_are_the_sweeps_and_exposures(tmp_path: Path) -> None:
     folder = run(NOISE | {"alert": RAIL}, tmp_path / "out")
     g = pl_mc.simulate(epochs=1)[0]
@@ -204,7 +204,7 @@ def test_noise_models_horizontally_are_the_sweeps_and_exposures(tmp_path: Path) 
     assert set(pd.read_csv(folder / "risks.csv").axis) == {HORIZONTAL}
 
 
-@pytest.mark.usefixtures("undrawn")
+@pytest.mark.usefixtures("without_figures")
 def test_variants_are_faulted_where_the_horizontal_error_moves_most(tmp_path: Path) -> None:
     folder = run(VARIANTS | {"alert": RAIL}, tmp_path / "out")
     faults = pd.read_csv(folder / "faults.csv").set_index(["geometry", "fault_class"])

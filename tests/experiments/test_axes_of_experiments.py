@@ -97,6 +97,7 @@ def test_rates_are_those_of_the_sweep_and_exact_ones_stand_beside_them(tmp_path:
     assert json.loads(charts[1])[0]["values"] == list(AXES)
 
 
+@pytest.mark.usefixtures("without_figures")
 @pytest.mark.parametrize("view", ["faults", "map"])
 def test_the_vertical_is_what_it_was_and_the_other_limit_is_told(view: str, tmp_path: Path) -> None:
     content = RAMP | VIEWS[view]
@@ -113,6 +114,7 @@ def test_the_vertical_is_what_it_was_and_the_other_limit_is_told(view: str, tmp_
     assert "is not judged" not in (several / "summary.md").read_text()
 
 
+@pytest.mark.usefixtures("without_figures")
 def test_limits_on_the_command_line(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.chdir(tmp_path)
     lines = [f"{key} = {json.dumps(RAMP[key])}" for key in ("kind", "title", "draws", "seed", "methods")]
@@ -157,6 +159,7 @@ def test_what_the_command_line_refuses(
     assert said.count("\n") == 1
 
 
+@pytest.mark.usefixtures("without_figures")
 def test_compare_judges_availability_by_a_horizontal_limit_of_one_s_own(tmp_path: Path) -> None:
     content = RAMP | {"kind": "compare"}
     available = {}
@@ -206,6 +209,7 @@ def test_a_stanford_diagram_has_one_error() -> None:
         run(STANFORD | {"alert": RAIL, "reach_m": 8.0}, Path("nowhere"))
 
 
+@pytest.mark.usefixtures("without_figures")
 def test_runs_of_several_axes_are_compared_axis_by_axis(tmp_path: Path) -> None:
     """Epoch by epoch too, and a run that names no axis beside one that names three."""
     content = RAMP | {

@@ -77,6 +77,7 @@ def test_there_are_stored_tables() -> None:
 
 
 @pytest.mark.parametrize("kind", WITH_PARQUET)
+@pytest.mark.usefixtures("without_figures")
 def test_tables_of_many_rows_are_plain(kind: str, tmp_path: Path) -> None:
     content = {"kind": kind, "title": "small", "methods": [{"name": "ls"}], **WITH_PARQUET[kind]}
     run_experiment("small", build_experiment(content, source="test"), tmp_path / "out")

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
+
 import numpy as np
 import pandas as pd
 import pytest
@@ -10,6 +12,7 @@ from pydantic import ValidationError
 import pl_mc
 from pl_mc.engine import Execution
 from pl_mc.input_errors import InputError
+from pl_mc.integrity_risk.given_residuals import contributions, draws
 from pl_mc.integrity_risk.given_residuals.draws import EpochParts
 from pl_mc.methods import method
 from pl_mc.report.figures import in_common_look
@@ -40,6 +43,14 @@ FEW = {
 }
 
 NOTHING_WRONG = {"noises": [], "correlations": [], "angles_deg": [], "pair_priors": []}
+
+
+@pytest.fixture(scope="module", autouse=True)
+def small_tiles() -> Iterator[None]:
+    """Half of a larger tile would be filled up: grids have 256 draws of a fault here."""
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(draws, "_TILE", 256)
+        yield
 
 
 @pytest.fixture(scope="module")
@@ -91,8 +102,10 @@ def test_exclusions_and_faults_of_several_satellites() -> None:
     assert others.contribution.isna().all()
 
 
-def test_continuity_is_that_of_the_function() -> None:
+def test_continuity_is_that_of_the_function(monkeypatch: pytest.MonkeyPatch) -> None:
     """Of the methods that have an exposure; what exclusion spares."""
+    # The sizes that levels are held against have nothing to do with continuity.
+    monkeypatch.setattr(contributions, "_ROOTS", contributions._ROOTS[::10])
     ism = {
         "name": "rates", "b_nom_m": 0.5, "r_sat_per_h": 1e-5, "mfd_sat_h": 1.0, "r_const_per_h": {"G": 1e-8, "E": 1e-4},
         "mfd_const_h": 1.0,

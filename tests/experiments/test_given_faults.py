@@ -69,6 +69,7 @@ def refused(capsys: pytest.CaptureFixture[str], *arguments: str) -> str:
     return said
 
 
+@pytest.mark.usefixtures("without_figures")
 def test_a_file_with_faults_of_every_shape(here: Path) -> None:
     assert check_experiment("one.toml").text() == ""
     main(("run", "one.toml", "-q"))
@@ -101,6 +102,7 @@ def test_a_table_of_distributions_is_their_text() -> None:
             build_experiment(content | {"faults": {"biases": [{"G01": given}]}}, source="test")
 
 
+@pytest.mark.usefixtures("without_figures")
 def test_faults_of_the_command_line_take_the_place_of_the_files(here: Path, capsys: pytest.CaptureFixture[str]) -> None:
     texts = ["C01:+0.01m/s:3-", "G+C:+-20m", "G01:+30m,C02:-20m"]
     labels = ["C01:+0.01m/s:3-", "G+C:+-20m", "G01:+30m,C02:-20m"]
@@ -206,6 +208,7 @@ SERIES: dict[str, Any] = {
 }  # fmt: skip
 
 
+@pytest.mark.usefixtures("without_figures")
 def test_a_series_with_given_faults(tmp_path: Path) -> None:
     record = build_experiment(SERIES, source="test")
     run_experiment("small", record, tmp_path / "out")
@@ -248,6 +251,7 @@ def test_series_refuse_what_they_cannot_inject(given: list[str], words: str, tmp
     assert not (tmp_path / "out").exists()
 
 
+@pytest.mark.usefixtures("without_figures")
 def test_a_diagram_of_given_faults(tmp_path: Path) -> None:
     content: dict[str, Any] = {
         "kind": "stanford", "title": "small", "draws": 300, "methods": ["ls"], "geometry": {"epochs": 4},

@@ -61,6 +61,7 @@ def folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
     return tmp_path
 
 
+@pytest.mark.usefixtures("without_figures")
 def test_a_file_and_a_table(folder: Path) -> None:
     """The rates of `pl_mc.sweep` with the same ISM; the manifest has the file's hash and redoes the run."""
     assert main(("run", "one.toml", "-q")) is None

@@ -127,6 +127,7 @@ def test_correlated_errors_are_worth_fewer_epochs(g: Geometry) -> None:
     assert independent_epochs(table, Judged(pl_mc.LPV_200)) > 1500
 
 
+@pytest.mark.usefixtures("without_figures")
 def test_a_run_with_the_claims_of_a_solution(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     files = str(FILES / "mixed_3.obs"), str(FILES / "mixed_3.nav")
     truth = "4075580.8863,931853.5784,4801567.9707"
@@ -158,6 +159,7 @@ def test_a_run_with_the_claims_of_a_solution(tmp_path: Path, capsys: pytest.Capt
     pd.testing.assert_frame_equal(coverage, pd.read_csv(tmp_path / "again" / "coverage.csv"))
 
 
+@pytest.mark.usefixtures("without_figures")
 def test_residuals_have_no_clock_and_the_variance_of_the_errors(tmp_path: Path) -> None:
     from pl_mc.receiver import ReceiverSeries
 
@@ -221,6 +223,7 @@ def test_cells_of_a_diagram_hold_every_epoch_that_has_a_place(g: Geometry) -> No
     assert azimuths_deg(g, rows)[0] == pytest.approx(np.degrees(np.arctan2(east, north)) % 360.0)
 
 
+@pytest.mark.usefixtures("without_figures")
 def test_the_real_day_with_injected_faults(tmp_path: Path, data_folder: Path) -> None:
     main(["run", "observe-day", "-q", "--out", str(tmp_path / "day")])
     counts = pd.read_csv(tmp_path / "day" / "stanford.csv").set_index(["method", "axis", "region"])["count"]

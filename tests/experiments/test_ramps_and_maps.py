@@ -61,6 +61,7 @@ def test_a_ramp_with_every_satellite(tmp_path: Path) -> None:
     assert "Student's t" in result.summary
 
 
+@pytest.mark.usefixtures("without_figures")
 def test_the_median_satellite_stands_in_and_is_named(tmp_path: Path) -> None:
     name, experiment = load_experiment("zhao2021-ramp", {"draws": 10, "draws_per_satellite": 5, "methods": ["ls"]})
     result = run_experiment(name, experiment, tmp_path / "out")
@@ -73,6 +74,7 @@ def test_the_median_satellite_stands_in_and_is_named(tmp_path: Path) -> None:
     assert any(note.startswith(f"Faulted satellite: {chosen} (G02 is out of view") for note in result.notes)
 
 
+@pytest.mark.usefixtures("without_figures")
 def test_a_map_sums_what_the_sweep_counts(tmp_path: Path) -> None:
     experiment = build_experiment(SMALL | {"view": "map"}, source="test")
     run_experiment("small", experiment, tmp_path / "out")

@@ -289,6 +289,7 @@ def test_alarms_of_real_receivers(name: str, data_folder: Path, monkeypatch: pyt
     assert alarms["igg3"] < 0.2
 
 
+@pytest.mark.usefixtures("without_figures")
 def test_a_receivers_results_do_not_say_where_its_files_lie(
     data_folder: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:

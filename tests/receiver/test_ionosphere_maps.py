@@ -56,6 +56,7 @@ def test_files_of_several_days_are_taken_together_and_what_none_covers_is_refuse
         read(ionex=tmp_path / "no.20i")
 
 
+@pytest.mark.usefixtures("without_figures")
 def test_the_command_takes_maps(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     path = ionex(tmp_path, lambda *_: 20.0, DAY)
     options = ["--truth", TEXT, "--systems", "G", "--method", "ls", "--out", str(tmp_path / "out")]

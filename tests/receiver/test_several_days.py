@@ -55,6 +55,7 @@ def test_files_of_the_same_time_and_of_other_signals_are_refused(files: dict[str
     assert len(found.geometry) == 20
 
 
+@pytest.mark.usefixtures("without_figures")
 def test_the_command_tells_observations_from_navigation(files: dict[str, Path], tmp_path: Path) -> None:
     order = [str(files[name]) for name in ("first", "nav", "second")]
     main(["observe", *order, "--truth", TRUTH_TEXT, "--method", "ls", "-q", "--out", str(tmp_path / "out")])
@@ -99,6 +100,7 @@ def test_weak_signals_are_left_out_and_counted(tmp_path: Path) -> None:
         read_receiver_series(*paths, truth, snr_dbhz=-1.0)
 
 
+@pytest.mark.usefixtures("without_figures")
 def test_the_command_and_a_file_of_it_have_a_least_strength(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     paths = map(str, with_strengths(tmp_path, {}))
     options = ["--truth", "4075580.8863,931853.5784,4801567.9707", "--systems", "G", "--snr", "30", "--method", "ls"]

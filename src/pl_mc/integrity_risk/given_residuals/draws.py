@@ -34,8 +34,9 @@ from pl_mc.methods import Method
 from pl_mc.runtime.precision import precision_scope
 from pl_mc.statistics.least_squares import ls_quantities
 
-# Lanes of a tile and tiles of a call, and rows of a geometry are filled up to a multiple: one program for many.
-_TILE, _TILES_PER_CALL, _ROWS = 512, 64, 8
+# Lanes of a tile and tiles of a call, and rows of a geometry are filled up to a multiple: one program for many. What is
+# filled up is computed: a call is as small as it can be before what calling costs is more than that.
+_TILE, _TILES_PER_CALL, _ROWS = 512, 8, 8
 # Points of the rule along the narrower axis of a horizontal error, and how far in its standard deviations; a level so
 # many of the wider one beyond the mean is exceeded with less than 1e-12, and with nothing here.
 _NODES, _REACH, _FAR = 48, 9.0, 7.5
