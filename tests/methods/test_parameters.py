@@ -170,24 +170,28 @@ def test_words_and_switches_of_ones_own_records_are_structure() -> None:
     assert [float(value(own)) for own in (Own(), Own(doubled=False), Own(3.0, "other"))] == [40.0, 20.0, 6.0]
 
 
+def vpl(k0, k1, design, sigma_m, noise):
+    weight = Igg3Weight(k0, k1)
+    estimate = igg3(design, sigma_m, noise, options=IrlsOptions(weight=weight, iterations=10))
+    return protection_levels(estimate).vpl_m
+
+
+of_grid = jax.jit(jax.vmap(vpl, in_axes=(0, 0, None, None, None)))
+slope_by_k0 = jax.jit(jax.grad(lambda k0, *given: vpl(k0, 5.0, *given).sum()))
+
+
 @pytest.mark.parametrize("seed", [1, 2])
 def test_the_kernel_takes_traced_limits(seed: int) -> None:
     """One compiled function for a grid of k0 and k1, a row of which is what a call with those numbers gives."""
     design, sigma_m, _ = random_sky(np.random.default_rng(seed), counts=(5, 4))
     noise = np.random.default_rng(seed).standard_normal((9, 6)) * sigma_m[:, None]
     noise[3] += 12.0
-
-    def vpl(k0, k1):
-        weight = Igg3Weight(k0, k1)
-        estimate = igg3(design, sigma_m, noise, options=IrlsOptions(weight=weight, iterations=10))
-        return protection_levels(estimate).vpl_m
-
+    given = design, sigma_m, noise
     k0, k1 = (axis.ravel() for axis in np.meshgrid([1.2, 1.5, 2.5], [3.0, 5.0]))
-    found = jax.jit(jax.vmap(vpl))(k0, k1)
-    for row, a, b in zip(found, k0, k1, strict=True):
-        np.testing.assert_allclose(row, vpl(float(a), float(b)), rtol=1e-12)
-    slope, step = jax.grad(lambda k0: vpl(k0, 5.0).sum())(1.5), 1e-6
-    difference = (vpl(1.5 + step, 5.0).sum() - vpl(1.5 - step, 5.0).sum()) / (2 * step)
+    for row, a, b in zip(of_grid(k0, k1, *given), k0, k1, strict=True):
+        np.testing.assert_allclose(row, vpl(float(a), float(b), *given), rtol=1e-12)
+    slope, step = slope_by_k0(1.5, *given), 1e-6
+    difference = (vpl(1.5 + step, 5.0, *given).sum() - vpl(1.5 - step, 5.0, *given).sum()) / (2 * step)
     assert slope == pytest.approx(float(difference), rel=1e-5)
 
 
