@@ -234,7 +234,8 @@ def test_it_sweeps_and_solves() -> None:
 
 @pytest.mark.counting
 def test_it_is_calibrated() -> None:
-    one = Huber(level_scale="floored", covariance="sandwich")
+    # Few solutions: the multiplier is found by ratios, whatever gives them.
+    one = Huber(level_scale="floored", covariance="sandwich", iterations=10)
     found = pl_mc.calibrate(G, method=one, budget={"p_sat": 1e-6}, axis="vertical", draws=1024).iloc[0]
     assert found.k_low <= found.k_vertical <= found.k_high
     assert found.risk == pytest.approx(found.allowed, rel=1e-2)
