@@ -105,6 +105,10 @@ def test_methods_see_the_same_noise_whoever_else_is_there():
     alone = pl_mc.sweep(SERIES, FAULTS, draws=DRAWS, seed=51, methods=("ls",), by_epoch=True, workers=1)
     beside = expected()[expected()["method"] == "ls"].reset_index(drop=True)
     pd.testing.assert_frame_equal(alone, beside)
+
+
+@pytest.mark.quick
+def test_methods_of_a_sample_see_the_same_noise():
     again = pl_mc.sample(SERIES, FAULTS, draws=9, seed=51, methods=(Ls(), Ls(k_vertical=3.0)))
     first, second = (again[again["method"] == name].reset_index(drop=True) for name in again["method"].unique())
     pd.testing.assert_series_equal(first["up_m"], second["up_m"])

@@ -82,8 +82,9 @@ def test_counts_are_those_of_whole_tiles(method, precision: str) -> None:
         return count_events(key, model, BIAS_M, (method,), LIMITS_M, DRAWS, axes=("vertical", "horizontal"), together=2)
 
     with precision_scope(precision):
-        model = linear_model(
-            jnp.asarray(G.design, precision), jnp.asarray(G.sigma_m, precision), G.in_view, one_clock_per_row=True
+        # Operations by themselves are a hundred programs.
+        model = jax.jit(partial(linear_model, one_clock_per_row=True))(
+            G.design.astype(precision), G.sigma_m.astype(precision), G.in_view
         )
         whole = compiled(counts, model)[0]
         pieces = compiled(counts, dataclasses.replace(model, loop_lanes=64))[0]

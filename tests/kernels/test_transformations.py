@@ -113,7 +113,7 @@ def test_gradients_are_those_of_differences(name):
 
         def vpl(step, in_view=in_view):
             at = tuple(x + step * d for x, d in zip(point, direction, strict=True))
-            return value_and_gradients(name, (0, 1, 2))(*at, in_view, True)
+            return jax.tree.map(np.asarray, value_and_gradients(name, (0, 1, 2))(*at, in_view, True))
 
         gradient = vpl(0.0)[1]
         assert all(np.isfinite(part).all() for part in gradient)

@@ -99,12 +99,13 @@ def plainly(errors_m, budget, p_fa_chi2=1e-8):
         kept = ~out
         gain, state, square_sum = solution(kept)
         left = {tuple(np.array(mode) & kept) for mode in modes} - {(False,) * N}
+        number = len(left) * budget.samples_continuity
+        p = np.array([budget.p_fa_horizontal / 4, budget.p_fa_horizontal / 4, budget.p_fa_vertical / 2]) / number
+        quantiles = stats.norm.isf(p)
         for mode in left:
             other, moved, _ = solution(kept & ~np.array(mode))
             sigma = np.sqrt((other - gain) ** 2 @ c_acc)
-            number = len(left) * budget.samples_continuity
-            p = np.array([budget.p_fa_horizontal / 4, budget.p_fa_horizontal / 4, budget.p_fa_vertical / 2]) / number
-            if (np.abs(moved[:3] - state[:3]) > stats.norm.isf(p) * sigma * (1 + 1e-12)).any():
+            if (np.abs(moved[:3] - state[:3]) > quantiles * sigma * (1 + 1e-12)).any():
                 return False, state, square_sum
         dof = kept.sum() - 5
         return square_sum <= stats.chi2.isf(p_fa_chi2, dof), state, square_sum

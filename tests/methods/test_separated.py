@@ -56,8 +56,9 @@ def observations() -> np.ndarray:
     return errors_m
 
 
-def by_hand(one: Separated, observed_m: np.ndarray, estimate_m: np.ndarray | None):
-    """Position, levels (3,) and rejection of one lane: subset by subset, by LAPACK and SciPy."""
+@functools.cache
+def known_before(one: Separated):
+    """What the geometry says: gains, satellites, largest residuals of the modes, and levels (3,) without separation."""
     design, sigma = np.asarray(G.design), np.asarray(G.sigma_m)
     n = len(sigma)
     p_sat, budget = one.p_sat, one.budget
@@ -67,34 +68,43 @@ def by_hand(one: Separated, observed_m: np.ndarray, estimate_m: np.ndarray | Non
         modes.append((np.arange(n) != k, none * p_sat / (1 - p_sat), one.p_refuted))
     lost = 1.0 - none - sum(prior for _, prior, _ in modes[1:]) + sum(prior * p for _, prior, p in modes)
     share = 1 - lost / budget.p_hmi
-    gains, stands = [], []
+    gains, largest = [], []
     for kept, _, p in modes:
         whitened = design[kept] / sigma[kept, None]
         gain = np.zeros((5, n))
         gain[:, kept] = np.linalg.pinv(whitened) / sigma[kept]
-        residuals = (observed_m - design @ (gain @ observed_m))[kept] / sigma[kept]
         root = np.sqrt(stats.chi2.isf(p, kept.sum() - 5)) + one.b_nom_m * np.sqrt((sigma[kept] ** -2.0).sum())
-        gains.append(gain[:3])
-        stands.append(p == 0 or np.linalg.norm(residuals) <= root)
-    gains = np.array(gains)
-    sigma_k = np.sqrt(((gains * sigma) ** 2).sum(axis=2))
-    bias_k = np.abs(gains).sum(axis=2) * one.b_nom_m
+        gains.append(gain)
+        largest.append(np.inf if p == 0 else root)
+    position = np.array(gains)[:, :3]
+    sigma_k = np.sqrt(((position * sigma) ** 2).sum(axis=2))
+    bias_k = np.abs(position).sum(axis=2) * one.b_nom_m
+    priors = np.array([prior for _, prior, _ in modes])
     level = []
     for q, risk in enumerate((budget.p_hmi_horizontal / 2, budget.p_hmi_horizontal / 2, budget.p_hmi_vertical)):
 
         def excess(t: float, q: int = q, risk: float = risk) -> float:
-            tails = [
-                2 * prior * (stats.norm.sf(u) if u > 0 else 1.0)
-                for (_, prior, _), u in zip(modes, (t - bias_k[:, q]) / sigma_k[:, q], strict=True)
-            ]
-            return sum(tails) / (risk * share) - 1
+            u = (t - bias_k[:, q]) / sigma_k[:, q]
+            tails = 2 * priors * np.where(u > 0, stats.norm.sf(u), 1.0)
+            return tails.sum() / (risk * share) - 1
 
         level.append(optimize.brentq(excess, 1e-3, 1e3, xtol=1e-13))
-    solutions = (gains @ observed_m)[np.array(stands)]
+    return gains, [kept for kept, _, _ in modes], largest, np.array(level)
+
+
+def by_hand(one: Separated, observed_m: np.ndarray, estimate_m: np.ndarray | None):
+    """Position, levels (3,) and rejection of one lane: subset by subset, by LAPACK and SciPy."""
+    design, sigma = np.asarray(G.design), np.asarray(G.sigma_m)
+    gains, modes, largest, level = known_before(one)
+    stands = []
+    for gain, kept, root in zip(gains, modes, largest, strict=True):
+        residuals = (observed_m - design @ (gain @ observed_m))[kept] / sigma[kept]
+        stands.append(np.linalg.norm(residuals) <= root)
+    solutions = (np.array(gains)[:, :3] @ observed_m)[np.array(stands)]
     if not len(solutions):
         return None, None, True
     at = 0.5 * (solutions.min(axis=0) + solutions.max(axis=0)) if estimate_m is None else estimate_m
-    return at, np.array(level) + np.abs(solutions - at).max(axis=0), False
+    return at, level + np.abs(solutions - at).max(axis=0), False
 
 
 @pytest.mark.parametrize("one", BY_OPTIONS.values(), ids=BY_OPTIONS)
@@ -128,7 +138,8 @@ def test_a_large_fault_leaves_the_mode_that_holds_it() -> None:
     assert kept.vpl_m[2] > 5 * kept.vpl_m[1] > 10 * found.vpl_m[1]
 
 
-@pytest.mark.parametrize("estimate", ["midrange", "igg3", "ls"])
+# Few solutions: the budget is kept whatever the estimate is.
+@pytest.mark.parametrize("estimate", ["midrange", pl_mc.igg3(iterations=10), "ls"], ids=["midrange", "igg3", "ls"])
 def test_the_level_keeps_its_budget_whatever_the_estimate(estimate) -> None:
     budget = pl_mc.RiskBudget(target=9.8e-8)
     for axis, more in (("vertical", {}), ("horizontal", {"target": 2e-9})):
