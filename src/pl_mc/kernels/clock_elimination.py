@@ -21,9 +21,10 @@ Result = TypeVar("Result")
 
 
 def clocks_apart(t: int) -> list[tuple[int, int]]:
-    """Row and column of each element of N that can differ from zero: those of the coordinates as in `lower_triangle`,
+    """Row and column of each element of N that can differ from zero where every row of the design has one clock.
 
-    then for each clock those with the coordinates and its own.
+    Those of the coordinates come first, as in `lower_triangle`, then for each clock those with the coordinates and its
+    own.
     """
     clocks = range(COORDINATES, t)
     return lower_triangle(COORDINATES) + [(clock, k) for clock in clocks for k in (*range(COORDINATES), clock)]
