@@ -53,17 +53,6 @@ def in_order(
     pool.shutdown()
 
 
-def begun(run: Callable[[], Result]) -> Callable[[], Result]:
-    """``run`` in a thread beside what follows, such as one compilation beside another; the answer waits for its end.
-
-    An error in it is raised where the answer is asked for. Who ends before, by an error or Ctrl-C, asks for nothing.
-    """
-    pool = ThreadPoolExecutor(1)
-    future = pool.submit(run)
-    pool.shutdown(wait=False)
-    return future.result
-
-
 def cores() -> int:
     """Cores that this process may use."""
     return len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1

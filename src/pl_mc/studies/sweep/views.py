@@ -17,7 +17,6 @@ from pl_mc.input_errors import InputError
 from pl_mc.noise_models import GAUSSIAN
 from pl_mc.report.document import Chart
 from pl_mc.report.findings import Findings, Table, event_quantities, level_quantities
-from pl_mc.runtime.threads import begun
 from pl_mc.statistics import ls_quantities
 from pl_mc.statistics.exact import ls_rates
 from pl_mc.studies.fault_fields import RampSizes
@@ -66,7 +65,6 @@ def by_fault(experiment: SweepExperiment, execution: Execution) -> Findings:
     """
     (sweep,), notes = planned(experiment)
     g, faults = sweep.g, sweep.faults
-    levels = begun(lambda: level_table(outcomes_of(experiment, g, faults))) if has_levels(sweep) else None
     rates = sweep.run(experiment, execution)
     # No closed form stands beside what is drawn.
     exact = exact_rates(experiment, g, faults.only(*np.flatnonzero(~faults.drawn)))
@@ -75,8 +73,8 @@ def by_fault(experiment: SweepExperiment, execution: Execution) -> Findings:
     on_curves = len(of_size) > 0 and not of_size.duplicated([*keys_of(rates), "bias_m"]).any()
     tables = [Table("rates", rates, chart=_rates_chart(rates) if on_curves else None)]
     tables += [Table("exact", exact)] if len(exact) else []
-    if levels is not None:
-        tables.append(Table("levels", levels(), chart=_LEVELS))
+    if has_levels(sweep):
+        tables.append(Table("levels", level_table(outcomes_of(experiment, g, faults)), chart=_LEVELS))
     return Findings(
         summary=faults_summary(experiment, g, rates, exact, sweep.noise),
         tables=tuple(tables),
@@ -93,9 +91,8 @@ def by_satellite(experiment: SweepExperiment, execution: Execution) -> Findings:
     """
     (of_one, of_every), notes = planned(experiment)
     g, faults = of_one.g, of_one.faults
-    levels = begun(lambda: level_table(outcomes_of(experiment, g, faults)))
     ramp = of_one.run(experiment, execution)
-    exact = exact_rates(experiment, g, faults)
+    exact, levels = exact_rates(experiment, g, faults), level_table(outcomes_of(experiment, g, faults))
     satellites = of_every.run(experiment, execution)
     satellites.insert(0, "satellite", _satellite(satellites))
     described = _describe(g, horizontally=any(axis != VERTICAL for axis in experiment.judged_axes()))
@@ -104,7 +101,7 @@ def by_satellite(experiment: SweepExperiment, execution: Execution) -> Findings:
         tables=(
             Table("ramp", ramp, chart=_rates_chart(ramp)),
             Table("ramp_satellites", satellites, chart=_rates_chart(satellites, " on any satellite", "satellite")),
-            Table("levels", levels(), chart=_LEVELS),
+            Table("levels", levels, chart=_LEVELS),
             Table("ramp_exact", exact),
             Table("satellites", described),
         ),
