@@ -228,17 +228,17 @@ def test_exact_rates_of_biases_in_time_are_those_of_each_epoch(day: pl_mc.Geomet
 
 
 def test_rare_events_and_multipliers_see_the_bias_of_the_epoch(day: pl_mc.Geometry) -> None:
-    g, faults = day[8:10], pl_mc.biases(day, "C01:+0.004m/s:4-")
+    g, faults = day[8:10], pl_mc.biases(day, "C01:+0.002m/s:4-")
     options = {"event": "alarm", "method": "ls", "seed": 1, "max_evaluations": 2_000_000, "progress": False}
     risk = pl_mc.risk(g, faults, **options)
     alone = pl_mc.risk(g[1:2], faults.only(0), **options)
-    assert risk.fault.tolist() == ["C01:+0.004m/s:4-"] * 2
+    assert risk.fault.tolist() == ["C01:+0.002m/s:4-"] * 2
     assert alone.probability.iloc[0] == risk.probability.iloc[1]
     exact = pl_mc.exact.ls_rates(g, faults).alarm_rate.to_numpy()
     assert (risk.low <= exact).all()
     assert (exact <= risk.high).all()
     needed = pl_mc.calibrate(g, method="ls", target=1e-4, faults=faults)
-    sizes = [pl_mc.biases(g, {"C01": 0.004 * 900.0 * k}) for k in (4, 5)]
+    sizes = [pl_mc.biases(g, {"C01": 0.002 * 900.0 * k}) for k in (4, 5)]
     for k, size in enumerate(sizes):
         other = pl_mc.calibrate(g[k : k + 1], method="ls", target=1e-4, faults=size)
         assert needed.k_vertical.iloc[k] == pytest.approx(other.k_vertical.iloc[0], rel=1e-6)
