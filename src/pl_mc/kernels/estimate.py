@@ -85,9 +85,3 @@ def start_from(model: LinearModel, observed_m: Array) -> LeastSquaresSolution:
     residuals = whitened - product(model.design, state)
     square_sum = jnp.sum(residuals * residuals, axis=0)
     return LeastSquaresSolution(residuals=model.twins.alike(residuals), state=state, square_sum=square_sum)
-
-
-def safe_sqrt(value: Array) -> Array:
-    """Square root of what is at least zero but for rounding, with a finite gradient at zero."""
-    positive = value > 0
-    return jnp.where(positive, jnp.sqrt(jnp.where(positive, value, 1.0)), 0.0)

@@ -19,8 +19,9 @@ import jax
 import jax.numpy as jnp
 from jax import Array
 
-from pl_mc.kernels.estimate import LeastSquaresSolution, safe_sqrt
+from pl_mc.kernels.estimate import LeastSquaresSolution
 from pl_mc.kernels.linear_model import COORDINATES, LinearModel, per_lane, product, redundancy_floor
+from pl_mc.kernels.roots import safe_sqrt
 
 # Elements of the covariance of a position that levels need: east, north and up variances, east-north covariance.
 _FIRST, _SECOND = (0, 1, 2, 0), (0, 1, 2, 1)

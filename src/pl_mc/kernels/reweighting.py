@@ -15,10 +15,11 @@ import jax.numpy as jnp
 from jax import Array
 
 from pl_mc.kernels.clock_elimination import eliminate_clocks
-from pl_mc.kernels.estimate import Estimate, Iterate, LeastSquaresSolution, safe_sqrt
+from pl_mc.kernels.estimate import Estimate, Iterate, LeastSquaresSolution
 from pl_mc.kernels.irls_options import AITKEN_START, HUBER_START, SANDWICH, IrlsOptions
 from pl_mc.kernels.linear_model import COORDINATES, LinearModel, add_empty, per_lane, product
 from pl_mc.kernels.one_call import by_pieces
+from pl_mc.kernels.roots import safe_sqrt
 from pl_mc.kernels.sandwich import sandwich
 from pl_mc.kernels.small_matrix import eliminate
 from pl_mc.kernels.standardised import standardised, weight_of, weights_of

@@ -19,9 +19,10 @@ import jax.numpy as jnp
 from jax import Array
 
 from pl_mc.input_errors import hold_whole
-from pl_mc.kernels.estimate import Iterate, LeastSquaresSolution, safe_sqrt
+from pl_mc.kernels.estimate import Iterate, LeastSquaresSolution
 from pl_mc.kernels.linear_model import COORDINATES, LinearModel, per_lane
 from pl_mc.kernels.reweighting import first_iterate, solve_weighted
+from pl_mc.kernels.roots import safe_sqrt
 from pl_mc.kernels.standardised import MAD_TO_SIGMA
 from pl_mc.kernels.weights import L1Weight, TukeyWeight
 

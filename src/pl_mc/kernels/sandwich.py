@@ -20,8 +20,8 @@ import jax.numpy as jnp
 import numpy as np
 from jax import Array
 
-from pl_mc.kernels.estimate import safe_sqrt
 from pl_mc.kernels.linear_model import COORDINATES, LinearModel, add_empty, per_lane, product
+from pl_mc.kernels.roots import safe_sqrt
 from pl_mc.kernels.small_matrix import cholesky, solve
 
 # Points of the rule for the mean square of psi under a normal law, and how far they reach: to 1e-7 for the kinks of

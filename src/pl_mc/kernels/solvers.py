@@ -11,10 +11,11 @@ from jax import Array
 from jax.typing import ArrayLike
 
 from pl_mc.input_errors import InputError
-from pl_mc.kernels.estimate import Estimate, LeastSquaresSolution, safe_sqrt, start_from
+from pl_mc.kernels.estimate import Estimate, LeastSquaresSolution, start_from
 from pl_mc.kernels.irls_options import IrlsOptions
 from pl_mc.kernels.linear_model import LinearModel, linear_model, per_lane
 from pl_mc.kernels.reweighting import irls
+from pl_mc.kernels.roots import safe_sqrt
 
 
 def ls(design: ArrayLike, sigma_m: ArrayLike, observed_m: ArrayLike, in_view: ArrayLike | None = None) -> Estimate:

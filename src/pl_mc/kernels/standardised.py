@@ -6,10 +6,11 @@ import jax
 import jax.numpy as jnp
 from jax import Array
 
-from pl_mc.kernels.estimate import Iterate, safe_sqrt
+from pl_mc.kernels.estimate import Iterate
 from pl_mc.kernels.irls_options import IrlsOptions
 from pl_mc.kernels.linear_model import LinearModel, add_empty, per_lane, product, redundancy_floor
 from pl_mc.kernels.parameters import is_off
+from pl_mc.kernels.roots import safe_sqrt
 from pl_mc.kernels.small_matrix import cholesky, inverse_columns, lower_triangle
 
 # The median absolute value of a standard normal variable is 1 / 1.4826.

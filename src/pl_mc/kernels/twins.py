@@ -18,6 +18,8 @@ import jax
 import jax.numpy as jnp
 from jax import Array
 
+from pl_mc.kernels.roots import safe_sqrt
+
 
 @jax.tree_util.register_dataclass
 @dataclass(frozen=True)
@@ -68,9 +70,7 @@ def twins_of(design: Array, gain: Array, redundancy: Array, inverse_sigma: Array
     one = jnp.eye(fit.shape[0], dtype=fit.dtype)
     pairs = (correlation * correlation >= 1.0 - jnp.minimum(rounding * largest * largest, 0.01)) & (one == 0)
     same = pairs & (jnp.abs(redundancy[:, None] - redundancy[None]) <= rounding)
-    # A root of zero has no derivative, not even where it is not taken.
-    root = jnp.where(redundancy > 0, jnp.sqrt(jnp.where(redundancy > 0, redundancy, 1.0)), 0.0)
-    ratio = jnp.sign(correlation) * root[:, None] * inverse_sigma[None]
+    ratio = jnp.sign(correlation) * safe_sqrt(redundancy)[:, None] * inverse_sigma[None]
 
     def mean(chosen: Array) -> Array:
         rows = one + jnp.where(chosen, ratio, 0.0)

@@ -12,9 +12,9 @@ from scipy import special
 
 from pl_mc.arrays import FloatArray
 from pl_mc.kernels import LeastSquaresSolution, LinearModel, ProtectionLevels
-from pl_mc.kernels.estimate import safe_sqrt
 from pl_mc.kernels.leave_one_out import covariance_of
 from pl_mc.kernels.linear_model import COORDINATES
+from pl_mc.kernels.roots import safe_sqrt
 from pl_mc.methods.base import Named, Outcome
 from pl_mc.methods.raim_levels import at_dof, decided, require_risks, sigma_levels
 

@@ -10,10 +10,10 @@ from jax import Array
 from pl_mc.constants import K_HORIZONTAL, K_VERTICAL
 from pl_mc.input_errors import require_choice
 from pl_mc.kernels import LinearModel, ProtectionLevels
-from pl_mc.kernels.estimate import safe_sqrt
 from pl_mc.kernels.leave_one_out import Projections, covariance_of, effect_floor, projections
 from pl_mc.kernels.linear_model import COORDINATES, redundancy_floor
 from pl_mc.kernels.parameters import static, traced
+from pl_mc.kernels.roots import safe_sqrt
 from pl_mc.methods.base import require_multipliers
 from pl_mc.methods.raim_levels import NONCENTRAL, P_FA, P_MD, ChiSquareTested, at_dof, protected_sizes, require_risks
 

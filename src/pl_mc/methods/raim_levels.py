@@ -35,9 +35,9 @@ from pl_mc.arrays import FloatArray
 from pl_mc.detectors.base import by_count
 from pl_mc.input_errors import InputError, require_number
 from pl_mc.kernels import LeastSquaresSolution, LinearModel, ProtectionLevels
-from pl_mc.kernels.estimate import safe_sqrt
 from pl_mc.kernels.leave_one_out import major_axis
 from pl_mc.kernels.linear_model import COORDINATES
+from pl_mc.kernels.roots import safe_sqrt
 from pl_mc.methods.base import Named, Outcome
 from pl_mc.statistics.noncentral import split_at_threshold
 from pl_mc.statistics.student import chi2_threshold

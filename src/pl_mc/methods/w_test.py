@@ -12,7 +12,6 @@ from scipy import special
 from pl_mc.constants import K_HORIZONTAL, K_VERTICAL
 from pl_mc.input_errors import InputError, hold_whole, require_choice
 from pl_mc.kernels import LeastSquaresSolution, LinearModel, ProtectionLevels
-from pl_mc.kernels.estimate import safe_sqrt
 from pl_mc.kernels.leave_one_out import (
     Projections,
     Remaining,
@@ -26,6 +25,7 @@ from pl_mc.kernels.leave_one_out import (
     standardised,
 )
 from pl_mc.kernels.parameters import static, traced
+from pl_mc.kernels.roots import safe_sqrt
 from pl_mc.methods.base import Named, Outcome, require_multipliers
 from pl_mc.methods.exclusion import LEAST_FREEDOM
 from pl_mc.methods.raim_levels import P_FA, SIGMA, at_dof, decided, require_risks, sigma_levels, thresholds
