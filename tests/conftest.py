@@ -117,7 +117,7 @@ def data_folder() -> Path:
     return folder
 
 
-MUCH_BYTES = 1.0e9
+MUCH_BYTES = 1.5e9
 # What the C library has of memory that is free goes back to the system, where it can be asked.
 TRIM: Any = getattr(ctypes.CDLL(None), "malloc_trim", lambda _: 0) if os.name == "posix" else lambda _: 0
 
@@ -288,7 +288,7 @@ def pytest_collection_finish() -> None:
     """What was imported stays: a fifth of the time of small tests went into looking through it for garbage."""
     gc.collect()
     gc.freeze()
-    gc.set_threshold(100_000, 20, 20)
+    gc.set_threshold(300_000, 20, 20)
 
 
 def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
