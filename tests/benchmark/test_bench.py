@@ -158,12 +158,14 @@ def test_measuring_alternates_and_uses_multiples_of_a_unit():
         Contestant("slow", "float64", 1, 1, unit=10, run=clock("slow", 1e-2), compiles=True),
         Contestant("fast", "float64", 2, 1, unit=100, run=clock("fast", 1e-4)),
         Contestant("fixed", "float64", 1, 0, unit=16, run=clock("fixed", 1e-6), most=1),
+        Contestant("shared", "float64", 3, 1, unit=10, run=clock("shared", 3e-2)),
     ]
     rates = measure(contestants, seconds=3.0, rounds=3)
-    # 1 s a repetition: ten units of 0.1 s; two threads do two hundred units of 5 ms each.
-    assert [rate.scenarios for rate in rates] == [100, 20_000, 16]
-    assert [name for name, _ in order[6:]] == ["slow", "fast", "fixed"] * 3
-    assert [rate.median_rate for rate in rates] == pytest.approx([1e-4, 1e-2, 1.0])
+    # 1 s a repetition: ten units of 0.1 s; two threads do two hundred units of 5 ms each; three have time for ten of
+    # 0.1 s each, of which the last would keep two of them waiting.
+    assert [rate.scenarios for rate in rates] == [100, 20_000, 16, 90]
+    assert [name for name, _ in order[8:]] == ["slow", "fast", "fixed", "shared"] * 3
+    assert [rate.median_rate for rate in rates] == pytest.approx([1e-4, 1e-2, 1.0, 1e-4 / 3])
     assert rates[0].first_call_s == pytest.approx(0.1)
     assert rates[1].first_call_s is None
 

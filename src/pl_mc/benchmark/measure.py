@@ -132,6 +132,9 @@ def measure(
         # One unit keeps one thread busy; several threads do several in the same time.
         each = contestant.run(contestant.unit) / contestant.threads
         units = max(1, int(contestant.share * seconds / rounds / max(each, _SHORTEST_S)))
+        # As many for each thread: of an odd number of units one of two threads would wait for the last.
+        if units > contestant.threads:
+            units -= units % contestant.threads
         sizes.append(contestant.unit * (units if contestant.most is None else min(units, contestant.most)))
     times: list[list[float]] = [[] for _ in contestants]
     for _ in rounds_with_progress(range(rounds)):
