@@ -241,7 +241,7 @@ def test_rates_of_both_precisions_have_intervals_that_know_of_shared_noise(table
 def bench(tmp_path_factory):
     """A run in tiny sizes beside a program, with its files."""
     folder = tmp_path_factory.mktemp("bench")
-    sizes = Sizes(seconds=0.02, repetitions=2, draws=LANES, accuracy_scenarios=200, limit_scenarios=16)
+    sizes = Sizes(seconds=0.02, repetitions=2, draws=LANES, accuracy_scenarios=200, limit_scenarios=16, settled=False)
     record, text = run_bench(sizes=sizes, limit=limit_program(folder), out=folder / "out", progress=False)
     return record, text, folder / "out"
 
@@ -289,7 +289,7 @@ def test_the_files_hold_the_same_and_no_path(bench, tmp_path):
 
 
 def test_one_precision_compares_nothing_between_precisions():
-    sizes = Sizes(seconds=0.01, repetitions=1, draws=LANES, accuracy_scenarios=200, limit_scenarios=16)
+    sizes = Sizes(seconds=0.01, repetitions=1, draws=LANES, accuracy_scenarios=200, limit_scenarios=16, settled=False)
     record, text = run_bench(sizes=sizes, precisions=["float64"], progress=False)
     assert {rate.precision for rate in record.rates} == {"float64"}
     assert record.disagreements == ()

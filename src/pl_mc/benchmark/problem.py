@@ -21,6 +21,9 @@ ZENITH_SIGMA_M = 1.0
 ROBUST = Igg3(iterations=10)
 METHODS = (Ls(), ROBUST)
 
+# What users pay: estimates that have settled, beside as many plain solutions as settle about as many draws.
+SETTLED_METHODS, PLAIN_METHODS = (Ls(), Igg3()), (Ls(), Igg3(iterations=40))
+
 DESCRIPTION = (
     "24 satellites (12 GPS, 12 BeiDou), 5 unknowns, 20 biases of 5 to 100 m on one satellite; least squares and "
     "IGG-III with 10 iterations and the default scale, protection levels, nine kinds of events"

@@ -28,6 +28,7 @@ class Sizes:
             compiled function, of which larger repetitions are multiples, so that they compile nothing again.
         accuracy_scenarios: observations on which precisions are compared.
         limit_scenarios: scenarios of a hand-written kernel, a multiple of 16.
+        settled: whether settled estimates are timed too, beside forty plain solutions.
     """
 
     seconds: float = 10.0
@@ -35,6 +36,7 @@ class Sizes:
     draws: int | None = None
     accuracy_scenarios: int = 20_000
     limit_scenarios: int = 2**18
+    settled: bool = True
 
     def __post_init__(self) -> None:
         require_positive(self.seconds, field="seconds")
@@ -52,7 +54,8 @@ class Bench:
     Attributes:
         machine: processor, cores, versions, load average before and after.
         problem, sizes: what was computed, and how much of it.
-        rates, ratios: of each computation; of the sweeps to the others, round by round.
+        rates, ratios: of each computation; of the sweeps to the others and of settled estimates to
+            plain ones, round by round.
         differences, disagreements: from the NumPy form, and decisions that single precision changes, on the same
             observations.
         event_rates: rates of both precisions, each with its own noise.
@@ -81,7 +84,7 @@ def bench_text(bench: Bench) -> str:
     """Everything for a reader, in Markdown that is also plain text."""
     parts = ["# Benchmark", _machine_text(bench), f"Problem: {bench.problem}.", "## Rates", _rates(bench.rates)]
     if bench.ratios:
-        parts += ["## The fastest sweep beside the others, in the same run", _ratios(bench.ratios)]
+        parts += ["## Side by side, in the same run", _ratios(bench.ratios)]
     title_exact = "## Exactness: differences from batched NumPy on the same observations"
     parts += [title_exact, _differences(bench.differences)]
     title = "## Events over the whole ramp"

@@ -8,7 +8,7 @@ import importlib.util
 import math
 import time
 import warnings
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from functools import partial
 from pathlib import Path
@@ -30,11 +30,14 @@ from pl_mc.engine.plan import SCENARIOS_PER_CALL, make_plan
 from pl_mc.geometry.record import Geometry
 from pl_mc.input_errors import InputError, require_choice, require_whole
 from pl_mc.kernels.noise import LANES
+from pl_mc.report.text import rate_text
 from pl_mc.runtime.precision import PRECISIONS
 from pl_mc.runtime.progress import with_progress
 from pl_mc.runtime.threads import cores
 
 SWEEP, NUMPY, RLM, LIMIT = "pl_mc.sweep", "batched NumPy", "statsmodels RLM", "hand-written kernel"
+SETTLED, PLAIN = f"{SWEEP}, settled", f"{SWEEP}, 40 iterations"
+_METHODS = {SWEEP: problem.METHODS, SETTLED: problem.SETTLED_METHODS, PLAIN: problem.PLAIN_METHODS}
 
 SEED = 20_251
 
@@ -78,7 +81,7 @@ def run_bench(
     _set_devices(devices)
     told = measure.describe_machine()
     g = problem.reference_geometry()
-    tables: dict[str, pd.DataFrame] = {}
+    tables: dict[tuple[str, str], pd.DataFrame] = {}
     errors_m = problem.reference_errors_m(g, sizes.limit_scenarios, seed=SEED)
     with contextlib.ExitStack() as stack:
         kernels: list[Limit] = []
@@ -102,12 +105,12 @@ def run_bench(
     ]
     if hand_written:
         rows += _limit_differences(hand_written, both_methods(g, errors_m))
-    event_rates = accuracy.event_rates(tables)
+    event_rates = accuracy.event_rates({precision: tables[SWEEP, precision] for precision in chosen})
     disagreements = accuracy.disagreements(found["float32"], found["float64"]) if len(chosen) == 2 else ()
     bench = Bench(
         machine=told, problem=problem.DESCRIPTION, sizes=sizes, rates=tuple(rates), ratios=tuple(_ratios(rates)),
         differences=tuple(rows), disagreements=tuple(disagreements), event_rates=tuple(event_rates),
-        notes=tuple(_notes(rates, event_rates)),
+        notes=(*_notes(rates, event_rates), *_unsettled(tables)),
     )  # fmt: skip
     text = bench_text(bench)
     if out is not None:
@@ -126,8 +129,10 @@ def _set_devices(devices: int | None) -> None:
 
 
 def _sweeps(
-    g: Geometry, precisions: Sequence[str], devices: int | None, sizes: Sizes, tables: dict[str, pd.DataFrame]
-) -> list[Contestant]:
+    g: Geometry, precisions: Sequence[str], devices: int | None, sizes: Sizes,
+    tables: dict[tuple[str, str], pd.DataFrame],
+) -> list[Contestant]:  # fmt: skip
+    """Sweeps of each precision; the last counts of each sort go into ``tables``."""
     faults = problem.reference_faults(g)
     draws = sizes.draws
     if draws is None:
@@ -135,24 +140,26 @@ def _sweeps(
         draws = make_plan(g, faults, 2**30).blocks_per_call * LANES
     width = len(faults)
 
-    def sweep(precision: str, workers: int, devices: int, scenarios: int) -> float:
+    def sweep(what: str, precision: str, workers: int, devices: int, scenarios: int) -> float:
         start = time.perf_counter()
-        tables[precision] = pl_mc.sweep(
-            g, faults, draws=scenarios // width, seed=SEED, methods=problem.METHODS, precision=precision,
+        tables[what, precision] = pl_mc.sweep(
+            g, faults, draws=scenarios // width, seed=SEED, methods=_METHODS[what], precision=precision,
             workers=workers, devices=devices, progress=False,
         )  # fmt: skip
         return time.perf_counter() - start
 
-    layouts = [(workers, 1) for workers in sorted({1, cores()})]
+    layouts = [(SWEEP, workers, 1) for workers in sorted({1, cores()})]
     if devices is not None and devices > 1:
-        layouts.append((1, devices))
+        layouts.append((SWEEP, 1, devices))
+    if sizes.settled:
+        layouts += [(what, cores(), 1) for what in (SETTLED, PLAIN)]
     return [
         Contestant(
-            what=SWEEP, precision=precision, threads=workers, devices=spread, unit=draws * width,
-            run=partial(sweep, precision, workers, spread), compiles=workers == 1,
+            what=what, precision=precision, threads=workers, devices=spread, unit=draws * width,
+            run=partial(sweep, what, precision, workers, spread), compiles=workers == 1,
         )
         for precision in precisions
-        for workers, spread in layouts
+        for what, workers, spread in layouts
     ]  # fmt: skip
 
 
@@ -214,7 +221,10 @@ def _limit_differences(
 
 
 def _ratios(rates: Sequence[Rate]) -> list[Ratio]:
-    """The sweeps with all threads, or all devices, to everything else of their precision; to NumPy in any case."""
+    """The sweeps with all threads, or all devices, to everything else of their precision; to NumPy in any case.
+
+    Settled estimates to plain ones.
+    """
     sweeps = [rate for rate in rates if rate.what == SWEEP]
     found = []
     for precision in dict.fromkeys(rate.precision for rate in sweeps):
@@ -222,6 +232,8 @@ def _ratios(rates: Sequence[Rate]) -> list[Ratio]:
         fastest = max(own, key=lambda rate: rate.median_rate)
         others = [r for r in rates if r.what in (NUMPY, RLM) or (r.what == LIMIT and r.precision == precision)]
         found += [Ratio.of(fastest, other) for other in others]
+        settled, plain = ([r for r in rates if (r.what, r.precision) == (what, precision)] for what in (SETTLED, PLAIN))
+        found += [Ratio.of(one, other) for one, other in zip(settled, plain, strict=True)]
     return found
 
 
@@ -232,9 +244,9 @@ def _notes(rates: Sequence[Rate], event_rates: Sequence[accuracy.EventRate]) -> 
         "linear algebra may use more."
     ]
     for rate in rates:
-        if rate.what == SWEEP and (share := _busy_share(rate)) < 0.95:
+        if rate.what in _METHODS and (share := _busy_share(rate)) < 0.95:
             notes.append(
-                f"{SWEEP} in {rate.precision} on {rate.threads} threads: a repetition is so short that at most "
+                f"{rate.what} in {rate.precision} on {rate.threads} threads: a repetition is so short that at most "
                 f"{100 * share:.0f} % of the threads' time can be used; a longer time makes it fair."
             )
     if RLM in whats:
@@ -250,6 +262,21 @@ def _notes(rates: Sequence[Rate], event_rates: Sequence[accuracy.EventRate]) -> 
             f"Single precision draws other noise, none beyond 5.42 sigma: the intervals of {overlap} of {pairs} "
             "event rates overlap with those of double precision."
         )
+    return notes
+
+
+def _unsettled(tables: Mapping[tuple[str, str], pd.DataFrame]) -> list[str]:
+    """The share of the draws that had not settled, of each sort of sweep but the ten iterations of the others."""
+    notes = []
+    for (what, precision), table in tables.items():
+        if what != SWEEP:
+            robust = _METHODS[what][-1].name
+            (one,) = (
+                rate for rate in accuracy.event_rates({precision: table})
+                if (rate.method, rate.event) == (robust, "unconverged")
+            )  # fmt: skip
+            told = rate_text(one.count, one.draws, one.low, one.high)
+            notes.append(f"{what} in {precision}, {robust}: draws that had not settled to 1 cm: {told}.")
     return notes
 
 
