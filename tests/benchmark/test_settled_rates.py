@@ -1,4 +1,4 @@
-"""The figure that users pay: settled estimates beside as many plain solutions as settle about as many draws."""
+"""The figure that users pay: settled estimates beside forty plain solutions."""
 
 from __future__ import annotations
 

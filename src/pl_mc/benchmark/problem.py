@@ -21,7 +21,7 @@ ZENITH_SIGMA_M = 1.0
 ROBUST = Igg3(iterations=10)
 METHODS = (Ls(), ROBUST)
 
-# What users pay: estimates that have settled, beside as many plain solutions as settle about as many draws.
+# What users pay: estimates that have settled, beside plain solutions that leave a thousandth of the draws unsettled.
 SETTLED_METHODS, PLAIN_METHODS = (Ls(), Igg3()), (Ls(), Igg3(iterations=40))
 
 DESCRIPTION = (
