@@ -36,7 +36,7 @@ from pl_mc.runtime.progress import with_progress
 from pl_mc.runtime.threads import cores
 
 SWEEP, NUMPY, RLM, LIMIT = "pl_mc.sweep", "batched NumPy", "statsmodels RLM", "hand-written kernel"
-SETTLED, PLAIN = f"{SWEEP}, settled", f"{SWEEP}, 40 iterations"
+SETTLED, PLAIN = f"{SWEEP}, settled", f"{SWEEP}, {problem.PLAIN_ITERATIONS} iterations"
 _METHODS = {SWEEP: problem.METHODS, SETTLED: problem.SETTLED_METHODS, PLAIN: problem.PLAIN_METHODS}
 
 SEED = 20_251
